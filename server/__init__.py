@@ -1,0 +1,1 @@
+"""DroNeRF operator console: four small drones, one object, one radiance field."""

@@ -1,0 +1,1 @@
+"""REST, websockets, authentication and the wire schema."""

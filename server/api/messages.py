@@ -1,0 +1,209 @@
+"""The wire schema of the websocket ``/api/v1/stream``: two tagged unions.
+
+Text messages are JSON objects with a ``type``. A binary message is one annotated picture: four
+bytes of header length (big endian), a JSON header (``TileHeader``), then the JPEG.
+``make messages`` writes the TypeScript twin, ``web/src/protocol/messages.gen.ts``.
+
+Units are SI, times are seconds, ``at`` is ISO 8601 UTC.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class DroneReport(_Message):
+    """One drone as it stands, about five times a second."""
+
+    type: Literal["drone_reported"] = "drone_reported"
+    at: str
+    drone_id: str
+    name: str
+    colour: str
+    activity: str
+    held: bool
+    battery_pct: int | None
+    temperature_c: float | None
+    height_m: float | None
+    speed_m_s: float | None
+    state_age_s: float | None
+    video_age_s: float | None
+    video_fps: float
+    position_sigma_m: float | None
+
+
+class CaptureReport(_Message):
+    """The capture as it stands, whenever it changes."""
+
+    type: Literal["capture_changed"] = "capture_changed"
+    at: str
+    id: str
+    state: Literal["queued", "running", "paused", "succeeded", "failed", "aborted", "interrupted"]
+    phase: str
+    progress: float
+    eta_s: float | None
+    run: str
+    error: str | None
+    mode: str
+    round_index: int
+    rounds: int
+    images: int
+    images_total: int
+
+
+class PictureReport(_Message):
+    """A picture is on disk; the thumbnail is a data URL."""
+
+    type: Literal["capture_taken"] = "capture_taken"
+    at: str
+    index: int
+    round_index: int
+    drone_id: str
+    thumbnail: str
+
+
+class PlanProgress(_Message):
+    """The annealing as it runs."""
+
+    type: Literal["plan_progressed"] = "plan_progressed"
+    at: str
+    iteration: int
+    iterations: int
+    temperature: float
+    fitness: float
+
+
+class PlanReport(_Message):
+    """The placement that was chosen; ``bound`` is the most any choice could reach."""
+
+    type: Literal["plan_found"] = "plan_found"
+    at: str
+    fitness: float
+    terms: dict[str, float]
+    candidates: int
+    viewpoints: int
+    bound: float | None
+
+
+class SeedReport(_Message):
+    """The object's crude geometry: sizes in metres."""
+
+    type: Literal["seed_fitted"] = "seed_fitted"
+    at: str
+    centre: list[float]
+    size: list[float]
+    boxes: int
+    views: int
+
+
+class TrainingReport(_Message):
+    """The field's training as it runs."""
+
+    type: Literal["training_progressed"] = "training_progressed"
+    at: str
+    stage: str
+    step: int
+    seconds: float
+    seconds_total: float | None
+    loss: float | None
+    psnr_db: float | None
+    held_out_psnr_db: float | None
+    samples_per_s: float
+    images: int
+
+
+class PosesReport(_Message):
+    """How many pictures' poses were refined after the flight."""
+
+    type: Literal["poses_refined"] = "poses_refined"
+    at: str
+    images: int
+    refined: int
+
+
+class PreviewReport(_Message):
+    """The newest rendering of the field, as a data URL."""
+
+    type: Literal["preview_rendered"] = "preview_rendered"
+    at: str
+    image: str
+
+
+class MetricsReport(_Message):
+    """The judgement on held-out pictures."""
+
+    type: Literal["metrics_measured"] = "metrics_measured"
+    at: str
+    images: int
+    images_held_out: int
+    psnr_db: float
+    ssim: float
+    flip: float
+    psnr_db_object: float | None
+
+
+class Note(_Message):
+    """A line of the event log."""
+
+    type: Literal["noted"] = "noted"
+    at: str
+    level: Literal["info", "warning", "error"]
+    text: str
+    drone_id: str | None
+
+
+class Missed(_Message):
+    """This client was too slow and lost ``events`` messages; state messages that follow are whole."""
+
+    type: Literal["missed"] = "missed"
+    events: int
+
+
+ServerMessage = Annotated[
+    DroneReport
+    | CaptureReport
+    | PictureReport
+    | PlanProgress
+    | PlanReport
+    | SeedReport
+    | TrainingReport
+    | PosesReport
+    | PreviewReport
+    | MetricsReport
+    | Note
+    | Missed,
+    Field(discriminator="type"),
+]
+
+
+class ShowTiles(_Message):
+    """Which drones' pictures to send; the others pause. Default: all."""
+
+    type: Literal["show_tiles"] = "show_tiles"
+    drone_ids: list[str]
+
+
+class TileShown(_Message):
+    """Acknowledges one picture; the next one of that drone is sent only then."""
+
+    type: Literal["tile_shown"] = "tile_shown"
+    drone_id: str
+    sequence: int
+
+
+ClientMessage = Annotated[ShowTiles | TileShown, Field(discriminator="type")]
+
+
+class TileHeader(_Message):
+    """The header of a binary message; ``age_s`` is the picture's age when it was sent."""
+
+    drone_id: str
+    sequence: int
+    age_s: float
+    damaged: bool

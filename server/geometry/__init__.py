@@ -1,0 +1,1 @@
+"""Poses, cameras, boxes and axis conventions shared by every stage."""

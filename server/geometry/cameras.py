@@ -1,0 +1,103 @@
+"""Pinhole camera with OpenCV's five-parameter distortion.
+
+Pixel coordinates are pixel centres: the centre of the top-left pixel is ``(0, 0)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.poses import inverse, transform_points
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Intrinsics:
+    """Intrinsics of one camera, in pixels of a ``width`` x ``height`` picture.
+
+    Attributes:
+        width: Picture width in pixels.
+        height: Picture height in pixels.
+        fx: Focal length along x, pixels.
+        fy: Focal length along y, pixels.
+        cx: Principal point x, pixels (pixel-centre convention).
+        cy: Principal point y, pixels (pixel-centre convention).
+        distortion: OpenCV ``(k1, k2, p1, p2, k3)``; all zero means a pure pinhole.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def K(self) -> Array:
+        """The ``(3, 3)`` camera matrix."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def vertical_fov_rad(self) -> float:
+        """Full vertical field of view in radians."""
+        return float(2.0 * np.arctan(self.height / (2.0 * self.fy)))
+
+    def scaled(self, factor: float) -> Intrinsics:
+        """Return the intrinsics of the same picture resized by ``factor``."""
+        width, height = round(self.width * factor), round(self.height * factor)
+        sx, sy = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            fx=self.fx * sx,
+            fy=self.fy * sy,
+            cx=(self.cx + 0.5) * sx - 0.5,
+            cy=(self.cy + 0.5) * sy - 0.5,
+        )
+
+    def project(self, points_world: Array, T_world_cam: Array) -> tuple[Array, Array]:
+        """Project ``points_world`` ``(n, 3)``.
+
+        Returns:
+            Pixels ``(n, 2)`` and depths ``(n,)`` along the optical axis in metres; pixels of points
+            with depth <= 0 are NaN.
+        """
+        points_cam = transform_points(inverse(T_world_cam), np.asarray(points_world, float))
+        depths = points_cam[:, 2]
+        pixels = np.full((len(points_cam), 2), np.nan)
+        front = depths > 1e-9
+        if front.any():
+            projected, _ = cv2.projectPoints(
+                points_cam[front], np.zeros(3), np.zeros(3), self.K, np.array(self.distortion)
+            )
+            pixels[front] = projected.reshape(-1, 2)
+        return pixels, depths
+
+    def directions(self, pixels: Array) -> Array:
+        """Return unit viewing directions ``(n, 3)`` in the camera frame for ``pixels`` ``(n, 2)``."""
+        pixels = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
+        normalised = cv2.undistortPoints(pixels, self.K, np.array(self.distortion)).reshape(-1, 2)
+        rays = np.concatenate([normalised, np.ones((len(normalised), 1))], axis=1)
+        return rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+    def contains(self, pixels: Array, margin_px: float = 0.0) -> NDArray[np.bool_]:
+        """Return which ``pixels`` ``(n, 2)`` lie in the picture, at least ``margin_px`` inside."""
+        with np.errstate(invalid="ignore"):
+            return (
+                (pixels[:, 0] >= margin_px)
+                & (pixels[:, 0] <= self.width - 1 - margin_px)
+                & (pixels[:, 1] >= margin_px)
+                & (pixels[:, 1] <= self.height - 1 - margin_px)
+            )
+
+
+# The calibration of a Tello's video that most public code shares, rounded and centred.
+TELLO_INTRINSICS = Intrinsics(960, 720, 921.0, 921.0, 479.5, 359.5)
+TELLO_TILT_RAD = float(np.deg2rad(12.0))

@@ -1,0 +1,1 @@
+"""The mission: from take-off to a finished field."""

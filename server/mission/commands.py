@@ -1,0 +1,111 @@
+"""What may be asked of the mission, and by which names: the door between console and mission."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Literal, Protocol
+
+from server.mission.events import (
+    CaptureChanged,
+    DroneReported,
+    Event,
+    EventStream,
+    FrameAnnotated,
+)
+
+Mode = Literal["optimized", "standard"]
+DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
+
+
+class RefusedError(Exception):
+    """A well-formed request that cannot be carried out now; the text says why (HTTP 409)."""
+
+
+class UnknownError(Exception):
+    """The named drone, capture or file does not exist (HTTP 404)."""
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRequest:
+    """What to capture.
+
+    Attributes:
+        mode: ``optimized`` (the paper's method) or ``standard`` (the fixed ring).
+        drones: How many drones to use, None for all.
+        pictures: How many pictures in all.
+        train_seconds: Training time of the judged field after the last picture.
+        name: A name for people, also part of the run folder's name.
+        seed: Seed of planning and training.
+    """
+
+    mode: Mode = "optimized"
+    drones: int | None = None
+    pictures: int = 24
+    train_seconds: float = 60.0
+    name: str = ""
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRecord:
+    """A capture as it stands: its newest ``CaptureChanged`` and what it was asked to be."""
+
+    request: CaptureRequest
+    status: CaptureChanged
+    started_at: datetime
+    metrics: dict[str, object] | None
+
+
+class MissionControl(Protocol):
+    """What console and shell may do; every method is called on the event loop.
+
+    Stops are not here on purpose: they go straight to the fleet through ``StopControl``.
+    """
+
+    events: EventStream
+
+    def drones(self) -> list[DroneReported]:
+        """Return the newest report of every drone, in fleet order."""
+        ...
+
+    def newest_frame(self, drone_id: str) -> FrameAnnotated | None:
+        """Return the newest annotated picture; raises UnknownError."""
+        ...
+
+    def standing(self) -> list[Event]:
+        """Return the events a newcomer needs to see the present state (seed, plan, captures...)."""
+        ...
+
+    async def command_drone(self, drone_id: str, command: DroneCommand) -> None:
+        """Carry out one drone's command; raises UnknownError or RefusedError."""
+        ...
+
+    async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
+        """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
+        ...
+
+    def captures(self) -> list[CaptureRecord]:
+        """Return all known captures, newest first."""
+        ...
+
+    def capture(self, capture_id: str) -> CaptureRecord:
+        """Return one capture; raises UnknownError."""
+        ...
+
+    async def pause_capture(self, capture_id: str) -> CaptureRecord:
+        """Hold position and stop the mission's clock; raises UnknownError or RefusedError."""
+        ...
+
+    async def resume_capture(self, capture_id: str) -> CaptureRecord:
+        """Go on; raises UnknownError or RefusedError."""
+        ...
+
+    async def abort_capture(self, capture_id: str) -> CaptureRecord:
+        """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
+        ...
+
+    def run_folder(self, capture_id: str) -> Path:
+        """Return the run folder of a capture; raises UnknownError."""
+        ...

@@ -1,0 +1,316 @@
+"""What happened, in the past tense: the only way news leaves a mission.
+
+Events are frozen values. ``EventStream`` hands each of them to every subscriber; a subscriber that
+falls behind loses its oldest events first (its queue is bounded) and is told how many.
+Times ``at`` are aware UTC.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.cameras import Intrinsics
+from server.stages import Assignment, CameraPose, Capture, Metrics, Placement, SeedGeometry
+
+Level = Literal["info", "warning", "error"]
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DroneReported:
+    """Five times a second: everything a person wants to know about one drone.
+
+    Attributes:
+        drone_id: Which drone.
+        name: Its display name.
+        colour: Its display colour, ``#rrggbb``.
+        activity: ``offline``, ``ground``, ``taking_off``, ``flying``, ``holding``, ``landing`` or
+            ``cut``.
+        held: True while HOLD is latched.
+        battery_pct: Charge, None before the first report.
+        temperature_c: Board temperature.
+        height_m: Believed camera height above the floor.
+        speed_m_s: Speed by telemetry.
+        state_age_s: Seconds since the last state report, None before the first.
+        video_age_s: Seconds since the last picture, None before the first.
+        video_fps: Pictures per second over the last seconds.
+        position_sigma_m: Uncertainty of the believed position.
+    """
+
+    drone_id: str
+    name: str
+    colour: str
+    activity: str
+    held: bool
+    battery_pct: int | None
+    temperature_c: float | None
+    height_m: float | None
+    speed_m_s: float | None
+    state_age_s: float | None
+    video_age_s: float | None
+    video_fps: float
+    position_sigma_m: float | None
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameAnnotated:
+    """A picture with its region, box, centroid and drone name drawn in; made for every frame.
+
+    Attributes:
+        drone_id: Which drone.
+        sequence: The frame's number.
+        captured_s: Monotonic arrival time of the frame.
+        jpeg: 640x480 JPEG.
+        damaged: As the frame says.
+    """
+
+    drone_id: str
+    sequence: int
+    captured_s: float
+    jpeg: bytes
+    damaged: bool
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimated:
+    """A drone's believed camera pose, about ten times a second."""
+
+    pose: CameraPose
+    intrinsics: Intrinsics
+    colour: str
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeedFitted:
+    """The seed geometry was made or refined."""
+
+    seed: SeedGeometry
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanProgressed:
+    """The annealing reports: temperature and best fitness so far."""
+
+    iteration: int
+    iterations: int
+    temperature: float
+    fitness: float
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanFound:
+    """A placement was found and its viewpoints assigned to drones."""
+
+    placement: Placement
+    assignment: Assignment
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaptureTaken:
+    """A picture is on disk.
+
+    Attributes:
+        capture: What was taken.
+        thumbnail_jpeg: 160x120 JPEG of it.
+    """
+
+    capture: Capture
+    thumbnail_jpeg: bytes
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosesRefined:
+    """The pictures' poses were refined after the flight.
+
+    Attributes:
+        T_world_cam: ``(n, 4, 4)`` of all pictures in order of taking.
+        refined: ``(n,)`` False where a picture kept its pose from the flight.
+    """
+
+    T_world_cam: NDArray[np.float64]
+    refined: NDArray[np.bool_]
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingProgressed:
+    """The field's training reports.
+
+    Attributes:
+        stage: ``live``, ``refine``, ``train``, ``evaluate`` or ``deliver``.
+        step: Steps so far in this stage.
+        seconds: Seconds so far in this stage.
+        seconds_total: Planned seconds of this stage, None when open-ended.
+        loss: Training loss.
+        psnr_db: PSNR of the training batch, None before the first.
+        held_out_psnr_db: PSNR on held-out pictures when last measured.
+        samples_per_s: Points through encoding and both MLPs with gradient, per second.
+        images: Pictures in use.
+    """
+
+    stage: str
+    step: int
+    seconds: float
+    seconds_total: float | None
+    loss: float | None
+    psnr_db: float | None
+    held_out_psnr_db: float | None
+    samples_per_s: float
+    images: int
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreviewRendered:
+    """The field was rendered from a camera on an orbit around the object.
+
+    Attributes:
+        jpeg: The rendering.
+        T_world_cam: ``(4, 4)`` of the camera it was rendered from.
+        intrinsics: Its camera.
+    """
+
+    jpeg: bytes
+    T_world_cam: NDArray[np.float64]
+    intrinsics: Intrinsics
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MetricsMeasured:
+    """Held-out pictures were judged."""
+
+    metrics: Metrics
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CaptureChanged:
+    """The capture (one run of the mission) has a new state, phase or progress.
+
+    Attributes:
+        id: The capture's id, also the run folder's name.
+        state: queued, running, paused, succeeded, failed, aborted or interrupted.
+        phase: The mission phase, in words.
+        progress: 0 to 1 over the whole capture.
+        eta_s: Seconds left, None when unknown.
+        run: Path of the run folder.
+        error: What went wrong, None when nothing did.
+        mode: ``optimized`` or ``standard``.
+        round_index: Round being flown, from 0.
+        rounds: Rounds planned.
+        images: Pictures taken.
+        images_total: Pictures planned.
+    """
+
+    id: str
+    state: str
+    phase: str
+    progress: float
+    eta_s: float | None
+    run: str
+    error: str | None
+    mode: str
+    round_index: int
+    rounds: int
+    images: int
+    images_total: int
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noted:
+    """A line for the operator's event log.
+
+    Attributes:
+        level: How much it matters.
+        text: What happened, what it means, what to do.
+        drone_id: The drone concerned, None for the whole fleet.
+    """
+
+    level: Level
+    text: str
+    drone_id: str | None = None
+    at: datetime = field(default_factory=_now)
+
+
+Event = (
+    DroneReported
+    | FrameAnnotated
+    | PoseEstimated
+    | SeedFitted
+    | PlanProgressed
+    | PlanFound
+    | CaptureTaken
+    | PosesRefined
+    | TrainingProgressed
+    | PreviewRendered
+    | MetricsMeasured
+    | CaptureChanged
+    | Noted
+)
+
+
+class Subscription:
+    """One subscriber's bounded queue; ``async for event in subscription`` reads it.
+
+    Attributes:
+        dropped: Events lost because the subscriber was too slow.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._queue: asyncio.Queue[Event] = asyncio.Queue(limit)
+        self.dropped = 0
+
+    def offer(self, event: Event) -> None:
+        """Queue ``event``; when the queue is full the oldest one goes."""
+        if self._queue.full():
+            self._queue.get_nowait()
+            self.dropped += 1
+        self._queue.put_nowait(event)
+
+    def __aiter__(self) -> Subscription:
+        return self
+
+    async def __anext__(self) -> Event:
+        return await self._queue.get()
+
+
+class EventStream:
+    """Hands events to all subscribers. Lives on the event loop; call it from there only."""
+
+    def __init__(self) -> None:
+        self._subscriptions: set[Subscription] = set()
+
+    def publish(self, event: Event) -> None:
+        """Hand ``event`` to every subscriber, without waiting."""
+        for subscription in self._subscriptions:
+            subscription.offer(event)
+
+    @contextmanager
+    def subscribe(self, limit: int = 256) -> Iterator[Subscription]:
+        """Yield a subscription that ends with the ``with`` block."""
+        subscription = Subscription(limit)
+        self._subscriptions.add(subscription)
+        try:
+            yield subscription
+        finally:
+            self._subscriptions.discard(subscription)

@@ -1,0 +1,319 @@
+"""The values that flow from stage to stage, one frozen dataclass per noun, in the order they arise.
+
+``datagram -> Telemetry, Frame -> Region -> Box -> SeedGeometry -> Placement -> Assignment ->
+Setpoint -> (drone moves)`` and ``Box, Telemetry -> CameraPose -> Capture -> dataset -> field ->
+Preview, Metrics``.
+
+Frames and units: see ``server.geometry.axes``. Times named ``*_s`` are seconds of the monotonic
+clock of this process unless said otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+from server.geometry.poses import camera_pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Telemetry:
+    """One state report of a drone, in our units and axes.
+
+    Attributes:
+        drone_id: Which drone.
+        received_s: When its datagram arrived.
+        yaw_rad: Heading since power-on as the drone believes it, counter-clockwise positive.
+        pitch_rad: Nose-up positive.
+        roll_rad: Right-side-down positive.
+        velocity_m_s: Body FLU velocity ``(3,)``.
+        acceleration_m_s2: Body FLU specific force ``(3,)``; at rest about ``(0, 0, 9.81)``.
+        height_m: Height above the take-off point, in the drone's coarse steps.
+        tof_m: Distance to the ground below, or None when the sensor saw nothing.
+        baro_m: Barometric height with an arbitrary zero.
+        battery_pct: Charge in percent.
+        temperature_c: Highest board temperature.
+        motor_time_s: Seconds the motors have run since power-on.
+    """
+
+    drone_id: str
+    received_s: float
+    yaw_rad: float
+    pitch_rad: float
+    roll_rad: float
+    velocity_m_s: Array
+    acceleration_m_s2: Array
+    height_m: float
+    tof_m: float | None
+    baro_m: float
+    battery_pct: int
+    temperature_c: float
+    motor_time_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One decoded video picture.
+
+    Attributes:
+        drone_id: Which drone.
+        sequence: Counts decoded pictures of this drone from 0.
+        captured_s: Arrival of the picture's first datagram.
+        image_bgr: ``(h, w, 3)`` uint8.
+        damaged: True when data was lost since the last key frame; such a picture may be shown but
+            never enters a dataset.
+    """
+
+    drone_id: str
+    sequence: int
+    captured_s: float
+    image_bgr: NDArray[np.uint8]
+    damaged: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """The largest region of a picture (equations 1-3): the object as one drone sees it.
+
+    Attributes:
+        centre_px: ``(2,)`` x, y of the scale-space maximum, full-picture pixels.
+        sigma_px: Scale of the maximum, full-picture pixels.
+        response: Magnitude of the scale-normalised Laplacian there, in grey levels.
+        mask: bool ``(h / mask_scale, w / mask_scale)``, True on the object.
+        mask_scale: Full-picture pixels per mask pixel.
+        confidence: 0 (nothing there) to 1.
+    """
+
+    centre_px: Array
+    sigma_px: float
+    response: float
+    mask: NDArray[np.bool_]
+    mask_scale: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """The upright bounding rectangle of a region.
+
+    Attributes:
+        xyxy_px: ``(4,)`` left, top, right, bottom, full-picture pixels.
+        confidence: That of its region.
+        touches_edge: True when the object may go on beyond the picture.
+    """
+
+    xyxy_px: Array
+    confidence: float
+    touches_edge: bool
+
+    @property
+    def centroid_px(self) -> Array:
+        """Centre ``(2,)`` of the box, the paper's C_box."""
+        return (self.xyxy_px[:2] + self.xyxy_px[2:]) / 2.0
+
+    @property
+    def size_px(self) -> Array:
+        """Width and height ``(2,)``."""
+        return self.xyxy_px[2:] - self.xyxy_px[:2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Where a drone's camera is believed to be.
+
+    The drone itself is treated as being at its camera, 3.5 cm from its body centre; every safety
+    margin is far wider than that.
+
+    Attributes:
+        drone_id: Which drone.
+        at_s: The time the estimate is for.
+        T_world_cam: ``(4, 4)`` OpenCV camera to world.
+        covariance: ``(4, 4)`` of (x, y, z, yaw), metres and radians.
+    """
+
+    drone_id: str
+    at_s: float
+    T_world_cam: Array
+    covariance: Array
+
+    @property
+    def position_world(self) -> Array:
+        """Camera centre ``(3,)``, world metres."""
+        return self.T_world_cam[:3, 3]
+
+    @property
+    def yaw_rad(self) -> float:
+        """Heading, counter-clockwise about +Z."""
+        forward = self.T_world_cam[:3, 2]
+        return float(np.arctan2(forward[1], forward[0]))
+
+    @property
+    def position_sigma_m(self) -> float:
+        """Root of the mean position variance, metres."""
+        return float(np.sqrt(np.trace(self.covariance[:3, :3]) / 3.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One picture as the seed geometry needs it: what was seen, and from where.
+
+    Attributes:
+        pose: Camera pose at that moment.
+        intrinsics: Camera.
+        box: Box of the object.
+        region: Its region, for the slices.
+    """
+
+    pose: CameraPose
+    intrinsics: Intrinsics
+    box: Box
+    region: Region
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeedGeometry:
+    """The crude geometry of the object: one outer box and the slices inside it.
+
+    Attributes:
+        outer: Box around the whole object, world.
+        boxes: Slices, each inside ``outer``; together they are the object's crude surface.
+        views: Number of pictures it was made from.
+    """
+
+    outer: Box3
+    boxes: tuple[Box3, ...]
+    views: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Viewpoint:
+    """A pose a drone can take: a place and a heading; the camera's tilt is fixed.
+
+    Attributes:
+        position_world: Camera centre ``(3,)``, world metres.
+        yaw_rad: Heading, counter-clockwise about +Z.
+    """
+
+    position_world: Array
+    yaw_rad: float
+
+    def T_world_cam(self, tilt_rad: float) -> Array:
+        """Return the ``(4, 4)`` camera pose of a camera tilted ``tilt_rad`` down."""
+        return camera_pose(self.position_world, self.yaw_rad, tilt_rad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """A chosen set O of viewpoints.
+
+    Attributes:
+        viewpoints: The K chosen poses.
+        fitness: Value of the weighted fitness (larger is better).
+        terms: Value of each named term before weighting.
+        candidates: D, how many poses they were chosen from.
+        bound: Upper bound of the fitness over all choices, or None when it was not computed.
+    """
+
+    viewpoints: tuple[Viewpoint, ...]
+    fitness: float
+    terms: Mapping[str, float]
+    candidates: int
+    bound: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assignment:
+    """Which drone takes which viewpoint in which round.
+
+    Attributes:
+        rounds: One mapping from drone id to viewpoint per round, in flying order.
+    """
+
+    rounds: tuple[Mapping[str, Viewpoint], ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setpoint:
+    """What a drone shall do now; it expires by itself when it is not renewed.
+
+    Attributes:
+        velocity_m_s: Wanted body FLU velocity ``(3,)``.
+        yaw_rate_rad_s: Wanted yaw rate, counter-clockwise positive.
+    """
+
+    velocity_m_s: Array
+    yaw_rate_rad_s: float
+
+
+HOVER = Setpoint(np.zeros(3), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """One picture taken for the dataset, with everything known when it was taken.
+
+    Attributes:
+        index: Order of taking within the run, from 0.
+        round_index: Which round, from 0.
+        pose: Believed camera pose.
+        intrinsics: Camera.
+        telemetry: Newest state report.
+        box: Box of the object, or None when it was not seen.
+        file: Path of the picture relative to the run folder.
+        captured_at: Aware UTC.
+    """
+
+    index: int
+    round_index: int
+    pose: CameraPose
+    intrinsics: Intrinsics
+    telemetry: Telemetry
+    box: Box | None
+    file: str
+    captured_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """How well held-out pictures are reproduced; every value is a mean over pictures.
+
+    Attributes:
+        images: All pictures.
+        images_held_out: Pictures that training has not seen.
+        psnr_db: Whole picture.
+        ssim: Whole picture, 11x11 Gaussian window, sigma 1.5.
+        flip: Whole picture, smaller is better.
+        psnr_db_object: Inside the object's masks, None without masks.
+    """
+
+    images: int
+    images_held_out: int
+    psnr_db: float
+    ssim: float
+    flip: float
+    psnr_db_object: float | None
+
+
+class StopControl(Protocol):
+    """The three stops. The fleet implements it; a stop passes through nothing else."""
+
+    def hold(self, drone_id: str | None = None) -> None:
+        """Hover and refuse motion until re-armed: one drone, or all when None."""
+        ...
+
+    def land(self, drone_id: str | None = None) -> None:
+        """Land where it is: one drone, or all when None."""
+        ...
+
+    def cut_motors(self, drone_id: str | None = None) -> None:
+        """Stop the motors at once, the drone falls: one drone, or all when None."""
+        ...
