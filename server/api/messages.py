@@ -159,7 +159,7 @@ class Note(_Message):
 
 
 class Missed(_Message):
-    """This client was too slow and lost ``events`` messages; state messages that follow are whole."""
+    """This client was too slow and lost ``events`` messages; later state messages are whole."""
 
     type: Literal["missed"] = "missed"
     events: int

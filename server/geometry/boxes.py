@@ -65,7 +65,9 @@ class Box3:
 
     def distance(self, point: Array) -> float:
         """Return the distance in metres from ``point`` ``(3,)`` to the box, zero inside."""
-        return float(np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - point, point - self.upper))))
+        return float(
+            np.linalg.norm(np.maximum(0.0, np.maximum(self.lower - point, point - self.upper)))
+        )
 
 
 def union(boxes: tuple[Box3, ...]) -> Box3:

@@ -80,7 +80,9 @@ def look_at(position_world: Array, target_world: Array) -> Array:
         raise ValueError("look_at: the view is straight up or down, its roll is undefined")
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
-    return transform_from(np.stack([right, down, forward], axis=1), np.asarray(position_world, float))
+    return transform_from(
+        np.stack([right, down, forward], axis=1), np.asarray(position_world, float)
+    )
 
 
 @dataclass(frozen=True, slots=True)

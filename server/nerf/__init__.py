@@ -1,1 +1,1 @@
-"""nerf"""
+"""The radiance field: datasets, hash-encoded field, training, rendering and its metrics."""

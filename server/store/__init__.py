@@ -1,1 +1,1 @@
-"""store"""
+"""What is kept: run folders that outlive the program."""

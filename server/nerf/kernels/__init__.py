@@ -1,1 +1,1 @@
-"""nerf/kernels"""
+"""Fast kernels that equal the torch reference; one module per device and concern."""

@@ -1,0 +1,335 @@
+"""The ``dronerf`` command line.
+
+Data goes to stdout, logs to stderr; ``--json`` wherever there is a result. Exit codes: 0 done,
+1 failed, 2 wrong usage or bad input.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from server.app import (
+    SimulatedFleet,
+    StartError,
+    bind_port,
+    console,
+    flying,
+    simulated_fleet,
+    stop_signal,
+)
+from server.jobs.runner import JobFailedError, LocalRunner
+from server.jobs.spec import JobSpec
+from server.mission.commands import CaptureRequest
+from server.settings import SettingsError, load_settings
+from server.store.runs import run_id
+from server.swarm.config import FleetFileError, load_fleet
+from server.terminal import CaptureFollower, TrainingBar, metrics_table
+
+SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
+
+
+def main() -> int:
+    """Parse the command line, run the command and return its exit code."""
+    arguments = _parser().parse_args()
+    logging.basicConfig(
+        level=logging.DEBUG if arguments.verbose else logging.WARNING,
+        format="%(asctime)s %(levelname)s %(name)s %(message)s",
+        stream=sys.stderr,
+    )
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    try:
+        return command(arguments)
+    except (StartError, SettingsError, FleetFileError) as error:
+        print(f"dronerf: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 1
+
+
+def demo(arguments: argparse.Namespace) -> int:
+    """Fly a whole simulated mission."""
+    return asyncio.run(_demo(arguments))
+
+
+async def _demo(arguments: argparse.Namespace) -> int:
+    settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
+    request = CaptureRequest(
+        mode=arguments.mode,
+        pictures=arguments.pictures,
+        train_seconds=arguments.train_seconds,
+        name=f"{Path(arguments.scene).stem} {arguments.mode}",
+        seed=arguments.seed,
+    )
+    if arguments.pictures < arguments.drones:
+        raise StartError(f"--pictures must be at least the number of drones, {arguments.drones}")
+    wanted = SimulatedFleet(arguments.scene, arguments.drones, arguments.seed, arguments.truth)
+    stop = stop_signal()
+    started_s = time.monotonic()
+    async with AsyncExitStack() as stack:
+        sock = None if arguments.headless else bind_port(settings.host, settings.port)
+        fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+        control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
+        if sock is not None:
+            address = await stack.enter_async_context(console(settings, control, fleet, sock))
+            print(f"The console is at {address}", file=sys.stderr)
+        stack.callback(CaptureFollower(control.events).start().stop)
+        record = await control.start_capture(request)
+        ended = asyncio.create_task(control.wait_for_capture(record.status.id))
+        stopped = asyncio.create_task(stop.wait())
+        await asyncio.wait({ended, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        if not ended.done():
+            ended.cancel()
+            return 1
+        record = ended.result()
+        if record.metrics is None:
+            print(f"dronerf: {record.status.error or record.status.state}", file=sys.stderr)
+            return 1
+        result = {
+            "run": record.status.run,
+            "scene": arguments.scene,
+            **{key: value for key, value in record.metrics.items() if key != "run"},
+            "wall_s": round(time.monotonic() - started_s, 1),
+        }
+        print(json.dumps(result) if arguments.json else metrics_table(result), flush=True)
+        if sock is not None and not stop.is_set():
+            print("The console stays up; press Ctrl-C to end.", file=sys.stderr)
+            await stopped
+        stopped.cancel()
+        return 0
+
+
+def serve(arguments: argparse.Namespace) -> int:
+    """Run the console."""
+    return asyncio.run(_serve(arguments))
+
+
+async def _serve(arguments: argparse.Namespace) -> int:
+    settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
+    stop = stop_signal()
+    async with AsyncExitStack() as stack:
+        if arguments.fleet is not None:
+            fleet_config = load_fleet(arguments.fleet)
+            sock = bind_port(settings.host, settings.port)
+        else:
+            sock = bind_port(settings.host, settings.port)
+            wanted = SimulatedFleet(arguments.sim or "robot_dog", arguments.drones, arguments.seed)
+            fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+        control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
+        address = await stack.enter_async_context(console(settings, control, fleet, sock))
+        print(f"The console is at {address}", file=sys.stderr, flush=True)
+        await stop.wait()
+    return 0
+
+
+def sim(arguments: argparse.Namespace) -> int:
+    """Run only the simulated Tellos, until interrupted."""
+    command = [sys.executable, "-m", "server.sim.simulator", "--scene", arguments.scene]
+    command += ["--drones", str(arguments.drones), "--seed", str(arguments.seed)]
+    command += ["--address", arguments.address]
+    if arguments.truth is not None:
+        command += ["--truth", str(arguments.truth)]
+    os.execv(sys.executable, command)
+
+
+def capture(arguments: argparse.Namespace) -> int:
+    """Start a capture on a running console and follow it to its end."""
+    token = os.environ.get("DRONERF_TOKEN")
+    if not token:
+        raise SettingsError("DRONERF_TOKEN must hold the token of the running console")
+    body = {"mode": arguments.mode, "pictures": arguments.pictures, "name": arguments.name}
+    body |= {"train_seconds": arguments.train_seconds, "drones": arguments.drones}
+    body = {key: value for key, value in body.items() if value is not None}
+    headers = {"Authorization": f"Bearer {token}"}
+    started_s = time.monotonic()
+    try:
+        with httpx.Client(base_url=arguments.url, headers=headers, timeout=30.0) as client:
+            answer = client.post("/api/v1/captures", json=body)
+            while True:
+                if answer.is_error:
+                    problem = answer.json()
+                    print(
+                        f"dronerf: {problem.get('detail') or problem.get('title')}", file=sys.stderr
+                    )
+                    return 2 if answer.status_code in (401, 422) else 1
+                record = answer.json()
+                print(f"\r{record['phase']:<12}{record['progress']:6.0%}", end="", file=sys.stderr)
+                if record["state"] not in ("queued", "running", "paused"):
+                    break
+                time.sleep(1.0)
+                answer = client.get(f"/api/v1/captures/{record['id']}")
+            print(file=sys.stderr)
+    except httpx.TransportError as error:
+        raise StartError(f"no console answers at {arguments.url}: {error}") from error
+    if record["state"] != "succeeded":
+        print(f"dronerf: capture {record['state']}: {record['error']}", file=sys.stderr)
+        return 1
+    result = record["metrics"] | {"wall_s": round(time.monotonic() - started_s, 1)}
+    print(json.dumps(result) if arguments.json else metrics_table(result))
+    return 0
+
+
+def train(arguments: argparse.Namespace) -> int:
+    """Train a field on a folder with transforms.json and judge it on held-out pictures."""
+    return asyncio.run(_train(arguments))
+
+
+async def _train(arguments: argparse.Namespace) -> int:
+    settings = load_settings(runs=arguments.runs)
+    if arguments.seconds is None and arguments.steps is None:
+        arguments.seconds = 60.0
+    parameters = {
+        "source": "dataset",
+        "dataset": str(arguments.dataset.resolve()),
+        # The worker makes this folder once the dataset has turned out to be readable.
+        "out": str(settings.runs.resolve() / run_id(f"train {arguments.dataset.name}")),
+        "train_seconds": arguments.seconds,
+        "steps": arguments.steps,
+        "downscale": arguments.downscale,
+        "test_every": arguments.test_every,
+        "backend": arguments.backend,
+    }
+    threads = os.cpu_count() or 1
+    spec = JobSpec("reconstruct", parameters, seed=arguments.seed, threads=threads, niceness=0)
+    started_s = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="dronerf-train-") as folder:
+        job = await LocalRunner().submit(spec, Path(folder))
+        bar = TrainingBar()
+        done: dict[str, Any] = {}
+        try:
+            async for event in job.events():
+                bar.show(event)
+                done = event
+        except JobFailedError as error:
+            bar.close()
+            print(f"dronerf: {error}", file=sys.stderr)
+            return 2 if error.bad_input else 1
+        finally:
+            await job.cancel()
+        bar.close()
+    result = {key: value for key, value in done.items() if key not in ("event", "at_s")}
+    result["wall_s"] = round(time.monotonic() - started_s, 1)
+    print(json.dumps(result) if arguments.json else metrics_table(result))
+    return 0
+
+
+def bench(arguments: argparse.Namespace) -> int:
+    """Run one measurement as a child process."""
+    return subprocess.call([sys.executable, "-m", "server.bench", arguments.name, *arguments.rest])
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="dronerf", description="Operator console for drone-captured radiance fields."
+    )
+    parser.add_argument("--verbose", action="store_true", help="log everything to stderr")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    part = _command(commands, "demo", demo, "four simulated drones, a whole mission, the console")
+    part.add_argument("--scene", default="robot_dog", help=SCENES)
+    part.add_argument("--mode", choices=("optimized", "standard"), default="optimized")
+    _drones(part)
+    part.add_argument("--pictures", type=_count, default=24, help="pictures in all (24)")
+    part.add_argument(
+        "--train-seconds", type=_positive, default=60.0, help="training of the judged field (60)"
+    )
+    part.add_argument("--headless", action="store_true", help="no console; end after the mission")
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    part.add_argument("--truth", type=Path, help="write the simulator's true poses to this file")
+    _where(part)
+
+    part = _command(commands, "serve", serve, "the console for real or simulated drones")
+    source = part.add_mutually_exclusive_group()
+    source.add_argument("--fleet", type=Path, help="fleet.toml of real drones")
+    source.add_argument("--sim", metavar="SCENE", help=f"simulate: {SCENES} (robot_dog)")
+    _drones(part)
+    _where(part)
+
+    part = _command(commands, "sim", sim, "only the simulated Tellos")
+    part.add_argument("--scene", default="robot_dog", help=SCENES)
+    _drones(part)
+    part.add_argument("--address", default="127.0.1.1", help="address of the first (127.0.1.1)")
+    part.add_argument("--truth", type=Path, help="write true poses to this file")
+
+    part = _command(commands, "capture", capture, "start a capture on a running console")
+    part.add_argument("--url", default="http://127.0.0.1:8000", help="the console's address")
+    part.add_argument("--mode", choices=("optimized", "standard"))
+    part.add_argument("--drones", type=_count)
+    part.add_argument("--pictures", type=_count)
+    part.add_argument("--train-seconds", type=_positive)
+    part.add_argument("--name")
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    part = _command(commands, "train", train, "train on any folder with transforms.json")
+    part.add_argument("dataset", type=Path)
+    length = part.add_mutually_exclusive_group()
+    length.add_argument("--seconds", type=_positive, help="training time (60)")
+    length.add_argument("--steps", type=_count, help="training steps instead")
+    part.add_argument("--downscale", type=_count, help="divide picture sizes by this")
+    part.add_argument(
+        "--test-every", type=_count, default=8, help="hold out every n-th picture (8)"
+    )
+    part.add_argument("--backend", choices=("numba", "torch"), default="numba")
+    part.add_argument("--seed", type=int, default=0)
+    part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    part = _command(commands, "bench", bench, "the measurements; `dronerf bench --help` lists them")
+    part.add_argument("name", nargs="?", default="--help")
+    part.add_argument("rest", nargs=argparse.REMAINDER)
+    return parser
+
+
+def _command(commands: Any, name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    part = commands.add_parser(name, help=text, description=f"dronerf {name}: {text}.")
+    part.set_defaults(command=run)
+    return part
+
+
+def _drones(part: argparse.ArgumentParser) -> None:
+    part.add_argument("--drones", type=_fleet_size, default=4, help="1 to 8 (4)")
+    part.add_argument("--seed", type=int, default=0, help="seed of everything random (0)")
+
+
+def _where(part: argparse.ArgumentParser) -> None:
+    part.add_argument("--host", help="address to listen on (127.0.0.1)")
+    part.add_argument("--port", type=int, help="port to listen on (8000)")
+    part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def _fleet_size(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 8:
+        raise argparse.ArgumentTypeError("must be 1 to 8")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError("must be a positive number of seconds")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""Captures: start, watch, pause, resume, abort."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, cast
+from urllib.parse import quote
+
+from fastapi import APIRouter, Body
+from fastapi.responses import Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.api.problems import ProblemError, described, json_safe
+from server.api.translate import CaptureState
+from server.mission.commands import CaptureRecord, CaptureRequest, MissionControl, Mode
+
+_PREFIX = "/api/v1/captures"
+# What people call a capture becomes part of a folder's name: no separators, no control characters.
+_NAME = r"^[^\x00-\x1f\x7f/\\]*$"
+
+
+class CaptureSpec(BaseModel):
+    """What to capture; every field may be left out."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    mode: Mode = "optimized"
+    drones: int | None = Field(default=None, strict=True, ge=1)
+    pictures: int = Field(default=24, strict=True, ge=1)
+    train_seconds: float = Field(default=60.0, strict=True, ge=0.0, allow_inf_nan=False)
+    name: str = Field(default="", max_length=80, pattern=_NAME)
+    seed: int = Field(default=0, strict=True, ge=0, lt=2**32)
+
+
+class CaptureView(BaseModel):
+    """A capture as it stands."""
+
+    id: str
+    state: CaptureState
+    phase: str
+    progress: float
+    eta_s: float | None
+    run: str
+    error: str | None
+    mode: str
+    name: str
+    round_index: int
+    rounds: int
+    images: int
+    images_total: int
+    started_at: datetime
+    updated_at: datetime
+    metrics: dict[str, object] | None
+
+
+def view_from_record(record: CaptureRecord) -> CaptureView:
+    """Return what the console tells about a capture."""
+    status = record.status
+    metrics = None if record.metrics is None else json_safe(record.metrics)
+    return CaptureView(
+        id=status.id,
+        # The event's state is a plain word; the view checks that it is one of ours.
+        state=cast(CaptureState, status.state),
+        phase=status.phase,
+        progress=status.progress,
+        eta_s=status.eta_s,
+        run=status.run,
+        error=status.error,
+        mode=status.mode,
+        name=record.request.name,
+        round_index=status.round_index,
+        rounds=status.rounds,
+        images=status.images,
+        images_total=status.images_total,
+        started_at=record.started_at,
+        updated_at=status.at,
+        metrics=cast("dict[str, object] | None", metrics),
+    )
+
+
+def make_captures_router(mission: MissionControl) -> APIRouter:
+    """Return the routes below ``/captures``."""
+    router = APIRouter(prefix=_PREFIX, tags=["captures"])
+
+    @router.post("", operation_id="startCapture", status_code=202, responses=described(409, 422))
+    async def start_capture(
+        response: Response, spec: Annotated[CaptureSpec | None, Body()] = None
+    ) -> CaptureView:
+        """Begin a capture; one runs at a time."""
+        asked = spec or CaptureSpec()
+        request = CaptureRequest(
+            mode=asked.mode,
+            drones=asked.drones,
+            pictures=asked.pictures,
+            train_seconds=asked.train_seconds,
+            name=asked.name,
+            seed=asked.seed,
+        )
+        try:
+            record = await mission.start_capture(request)
+        except ValueError as error:
+            raise ProblemError(422, str(error), "invalid") from error
+        response.headers["Location"] = f"{_PREFIX}/{quote(record.status.id, safe='')}"
+        return view_from_record(record)
+
+    @router.get("", operation_id="listCaptures", responses=described())
+    async def list_captures() -> list[CaptureView]:
+        """Return all known captures, newest first."""
+        return [view_from_record(record) for record in mission.captures()]
+
+    @router.get("/{capture_id}", operation_id="getCapture", responses=described(404))
+    async def get_capture(capture_id: str) -> CaptureView:
+        """Return one capture."""
+        return view_from_record(mission.capture(capture_id))
+
+    @router.get("/{capture_id}/metrics", operation_id="getCaptureMetrics", responses=described(404))
+    async def get_metrics(capture_id: str) -> dict[str, object]:
+        """Return how well held-out pictures were reproduced, once that was measured."""
+        view = view_from_record(mission.capture(capture_id))
+        if view.metrics is None:
+            raise ProblemError(404, f"{capture_id} has no metrics yet", "no_metrics")
+        return view.metrics
+
+    @router.post("/{capture_id}/pause", operation_id="pauseCapture", responses=described(404, 409))
+    async def pause_capture(capture_id: str) -> CaptureView:
+        """Hold position and stop the mission's clock."""
+        return view_from_record(await mission.pause_capture(capture_id))
+
+    @router.post(
+        "/{capture_id}/resume", operation_id="resumeCapture", responses=described(404, 409)
+    )
+    async def resume_capture(capture_id: str) -> CaptureView:
+        """Go on with a paused capture."""
+        return view_from_record(await mission.resume_capture(capture_id))
+
+    @router.post("/{capture_id}/abort", operation_id="abortCapture", responses=described(404, 409))
+    async def abort_capture(capture_id: str) -> CaptureView:
+        """Land all drones and end; what was taken stays."""
+        return view_from_record(await mission.abort_capture(capture_id))
+
+    return router

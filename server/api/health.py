@@ -1,0 +1,102 @@
+"""Health checks, open to all, and Prometheus metrics, behind the door."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from fastapi import APIRouter
+from fastapi.responses import JSONResponse, PlainTextResponse, Response
+
+from server.api.journal import Journal
+from server.api.stream import StreamCounts
+from server.mission.commands import MissionControl
+
+_RUNNING = ("queued", "running", "paused")
+
+
+def make_health_router(
+    mission: MissionControl, journal: Journal, counts: StreamCounts, version: str
+) -> APIRouter:
+    """Return ``/livez``, ``/readyz`` and ``/metrics``."""
+    router = APIRouter(tags=["health"])
+
+    @router.get("/livez", operation_id="livez")
+    async def livez() -> dict[str, str]:
+        """Tell that the process answers."""
+        return {"status": "live"}
+
+    @router.get("/readyz", operation_id="readyz", responses={503: {"description": "Not ready"}})
+    async def readyz() -> Response:
+        """Tell whether the console follows its mission; drones need not be there for that."""
+        if journal.healthy:
+            return JSONResponse({"status": "ready"})
+        return JSONResponse({"status": "not ready"}, status_code=503)
+
+    @router.get("/metrics", operation_id="metrics", response_class=PlainTextResponse)
+    async def metrics() -> PlainTextResponse:
+        """Return the gauges in Prometheus' text form."""
+        text = "\n".join(_lines(mission, counts, version)) + "\n"
+        return PlainTextResponse(text, media_type="text/plain; version=0.0.4")
+
+    return router
+
+
+def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Iterable[str]:
+    yield from _family("dronerf_build_info", "gauge", "Version.", [({"version": version}, 1.0)])
+    drones = mission.drones()
+    gauges = {
+        "dronerf_drone_battery_ratio": (
+            "Charge, 0 to 1.",
+            [(d, d.battery_pct / 100) for d in drones if d.battery_pct is not None],
+        ),
+        "dronerf_drone_state_age_seconds": (
+            "Seconds since the last state report.",
+            [(d, d.state_age_s) for d in drones if d.state_age_s is not None],
+        ),
+        "dronerf_drone_video_frames_per_second": (
+            "Pictures per second over the last seconds.",
+            [(d, d.video_fps) for d in drones],
+        ),
+        "dronerf_drone_held": ("1 while HOLD is latched.", [(d, float(d.held)) for d in drones]),
+    }
+    for name, (text, samples) in gauges.items():
+        yield from _family(name, "gauge", text, [({"drone": d.drone_id}, v) for d, v in samples])
+    running = [r.status for r in mission.captures() if r.status.state in _RUNNING]
+    yield from _family(
+        "dronerf_captures_running", "gauge", "Unfinished captures.", [({}, float(len(running)))]
+    )
+    if running:
+        status = running[0]
+        yield from _family(
+            "dronerf_capture_progress_ratio",
+            "gauge",
+            "Progress of the running capture.",
+            [({}, status.progress)],
+        )
+        yield from _family(
+            "dronerf_capture_images",
+            "gauge",
+            "Pictures the running capture has taken.",
+            [({}, float(status.images))],
+        )
+    for name, kind, text, value in (
+        ("dronerf_stream_clients", "gauge", "Connected event streams.", counts.clients),
+        ("dronerf_stream_messages_total", "counter", "Messages sent.", counts.messages),
+        ("dronerf_stream_tiles_total", "counter", "Pictures sent.", counts.tiles),
+        ("dronerf_stream_missed_total", "counter", "Events slow clients lost.", counts.missed),
+    ):
+        yield from _family(name, kind, text, [({}, float(value))])
+
+
+def _family(
+    name: str, kind: str, text: str, samples: Iterable[tuple[dict[str, str], float]]
+) -> Iterable[str]:
+    yield f"# HELP {name} {text}"
+    yield f"# TYPE {name} {kind}"
+    for labels, value in samples:
+        inner = ",".join(f'{key}="{_escaped(label)}"' for key, label in labels.items())
+        yield f"{name}{{{inner}}} {value:g}" if inner else f"{name} {value:g}"
+
+
+def _escaped(label: str) -> str:
+    return label.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")

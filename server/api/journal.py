@@ -1,0 +1,102 @@
+"""What the console remembers of the mission's events, for whoever comes or asks later.
+
+The event log, and of the newest capture its plan and its pictures.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from dataclasses import dataclass
+
+from server.mission.events import (
+    CaptureChanged,
+    CaptureTaken,
+    Event,
+    EventStream,
+    Noted,
+    PlanFound,
+)
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One line of the event log.
+
+    Attributes:
+        sequence: Counts lines from 1; a client asks for what came after the last it has.
+        note: What happened.
+    """
+
+    sequence: int
+    note: Noted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownPlan:
+    """The newest plan and the capture it was made for (None when no capture was seen yet)."""
+
+    capture_id: str | None
+    found: PlanFound
+
+
+class Journal:
+    """A bounded memory of the event log, fed from the event stream.
+
+    Attributes:
+        plan: The newest plan of the newest capture, None before there is one.
+        pictures: The newest capture's pictures by their index.
+        healthy: True while events are being followed.
+    """
+
+    def __init__(self, limit: int) -> None:
+        """Make a journal that keeps the newest ``limit`` lines."""
+        self._lines: deque[Line] = deque(maxlen=limit)
+        self._sequence = 0
+        self._capture_id: str | None = None
+        self.plan: KnownPlan | None = None
+        self.pictures: dict[int, CaptureTaken] = {}
+        self.healthy = False
+
+    def record(self, event: Event) -> None:
+        """Remember what is worth remembering of ``event``."""
+        match event:
+            case Noted():
+                self._sequence += 1
+                self._lines.append(Line(self._sequence, event))
+            case PlanFound():
+                self.plan = KnownPlan(self._capture_id, event)
+            case CaptureChanged(state="queued" | "running" | "paused", id=capture_id):
+                if capture_id != self._capture_id:
+                    self._capture_id = capture_id
+                    self.plan = None
+                    self.pictures = {}
+            case CaptureTaken():
+                self.pictures[event.capture.index] = event
+            case _:
+                pass
+
+    def since(self, sequence: int, limit: int) -> list[Line]:
+        """Return up to ``limit`` of the oldest kept lines after ``sequence``."""
+        return [line for line in self._lines if line.sequence > sequence][:limit]
+
+    def newest(self, limit: int) -> list[Line]:
+        """Return the newest ``limit`` lines, oldest first."""
+        return list(self._lines)[-limit:] if limit else []
+
+    async def follow(self, events: EventStream) -> None:
+        """Record events until cancelled."""
+        self.healthy = True
+        try:
+            with events.subscribe() as subscription:
+                async for event in subscription:
+                    self.record(event)
+        except asyncio.CancelledError:
+            raise
+        except Exception:
+            logger.exception("the event log stopped")
+        finally:
+            self.healthy = False

@@ -1,0 +1,34 @@
+"""Print the OpenAPI document: ``python -m server.api.openapi``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import cast
+
+from server.api.door import Door
+from server.api.web import make_web, openapi_document
+from server.mission.commands import MissionControl
+from server.stages import StopControl
+
+# The version of the interface; the program's own version is not part of the contract.
+_VERSION = "1"
+
+
+def openapi_text() -> str:
+    """Return the OpenAPI document as indented JSON."""
+    # Describing the routes calls none of them, so nothing stands behind them here.
+    web = make_web(
+        mission=cast(MissionControl, None),
+        stops=cast(StopControl, None),
+        door=Door("unused"),
+        scene_port=None,
+        dist=Path("web/dist"),
+        version=_VERSION,
+    )
+    return json.dumps(openapi_document(web), indent=2, sort_keys=True) + "\n"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(openapi_text())

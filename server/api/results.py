@@ -1,0 +1,179 @@
+"""What captures left behind: the event log, the newest plan, reconstructions and their files."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query
+from fastapi.responses import FileResponse
+from pydantic import BaseModel
+
+from server.api.captures import CaptureView, view_from_record
+from server.api.files import FoundFile, files_below, inside
+from server.api.journal import Journal, KnownPlan
+from server.api.messages import Note
+from server.api.problems import described, json_safe
+from server.api.translate import message_from_event
+from server.mission.commands import MissionControl, UnknownError
+
+_SHOWN_INLINE = frozenset({".jpg", ".jpeg", ".png", ".mp4", ".json", ".jsonl", ".txt"})
+_TYPES = {
+    ".jsonl": "application/x-ndjson",
+    ".glb": "model/gltf-binary",
+    ".mcap": "application/octet-stream",
+}
+
+
+class LogLine(Note):
+    """A line of the event log with its place in it."""
+
+    sequence: int
+
+
+class EventLog(BaseModel):
+    """Part of the event log; ask again with ``since`` = ``next``."""
+
+    events: list[LogLine]
+    next: int
+
+
+class PlannedViewpoint(BaseModel):
+    """Where a drone takes a picture: world metres and radians."""
+
+    round_index: int
+    drone_id: str
+    position_world: list[float]
+    yaw_rad: float
+
+
+class PlanView(BaseModel):
+    """A placement and who flies where; ``bound`` is the most any choice could reach."""
+
+    capture_id: str | None
+    at: datetime
+    fitness: float | None
+    terms: dict[str, float | None]
+    candidates: int
+    bound: float | None
+    viewpoints: list[PlannedViewpoint]
+
+
+class Artifact(BaseModel):
+    """A file of a run."""
+
+    capture_id: str
+    path: str
+    size_bytes: int
+    modified_at: datetime
+    url: str
+
+
+def make_results_router(mission: MissionControl, journal: Journal, listing_limit: int) -> APIRouter:
+    """Return the routes ``/events``, ``/plans``, ``/reconstructions`` and ``/artifacts``."""
+    router = APIRouter(prefix="/api/v1", tags=["results"])
+
+    @router.get("/events", operation_id="listEvents", responses=described(422))
+    async def list_events(
+        since: Annotated[int, Query(ge=0)] = 0, limit: Annotated[int, Query(ge=1, le=1000)] = 1000
+    ) -> EventLog:
+        """Return kept lines of the event log after number ``since``, oldest first."""
+        lines = []
+        for line in journal.since(since, limit):
+            note = message_from_event(line.note)
+            if note is not None:
+                lines.append(LogLine(**note.model_dump(), sequence=line.sequence))
+        return EventLog(events=lines, next=lines[-1].sequence if lines else since)
+
+    @router.get("/plans", operation_id="listPlans", responses=described())
+    async def list_plans() -> list[PlanView]:
+        """Return the newest capture's newest plan; empty before there is one."""
+        return [] if journal.plan is None else [_plan_view(journal.plan)]
+
+    @router.get("/reconstructions", operation_id="listReconstructions", responses=described())
+    async def list_reconstructions() -> list[CaptureView]:
+        """Return the captures whose field was judged, newest first."""
+        return [view_from_record(r) for r in mission.captures() if r.metrics is not None]
+
+    @router.get("/artifacts", operation_id="listArtifacts", responses=described(404))
+    async def list_artifacts(
+        capture: Annotated[str | None, Query(description="Only this capture's files.")] = None,
+    ) -> list[Artifact]:
+        """Return the files of one capture, or of all, newest capture first."""
+        ids = [r.status.id for r in mission.captures()] if capture is None else [capture]
+        artifacts: list[Artifact] = []
+        for capture_id in ids:
+            room = listing_limit - len(artifacts)
+            folder = mission.run_folder(capture_id)
+            if room > 0 and folder.is_dir():
+                found = await asyncio.to_thread(files_below, folder, room)
+                artifacts += [_artifact(capture_id, file) for file in found]
+        return artifacts
+
+    @router.get(
+        "/artifacts/{capture_id}/{path:path}",
+        operation_id="getArtifact",
+        response_class=FileResponse,
+        responses={200: {"content": {"application/octet-stream": {}}}, **described(404)},
+    )
+    async def get_artifact(capture_id: str, path: str) -> FileResponse:
+        """Return one file of a run; ranges are understood."""
+        file = await asyncio.to_thread(inside, mission.run_folder(capture_id), path)
+        if file is None:
+            raise UnknownError(f"{capture_id} has no file {path!r}")
+        return _file_response(file)
+
+    return router
+
+
+def _artifact(capture_id: str, file: FoundFile) -> Artifact:
+    return Artifact(
+        capture_id=capture_id,
+        path=file.path,
+        size_bytes=file.size_bytes,
+        modified_at=file.modified_at,
+        url=f"/api/v1/artifacts/{quote(capture_id, safe='')}/{quote(file.path)}",
+    )
+
+
+def _file_response(file: Path) -> FileResponse:
+    suffix = file.suffix.lower()
+    # A run folder can hold anything: what a browser might execute is handed out as a download.
+    disposition = "inline" if suffix in _SHOWN_INLINE else "attachment"
+    return FileResponse(
+        file,
+        media_type=_TYPES.get(suffix),
+        filename=file.name,
+        content_disposition_type=disposition,
+        headers={"Cache-Control": "no-cache"},
+    )
+
+
+def _plan_view(plan: KnownPlan) -> PlanView:
+    placement = plan.found.placement
+    viewpoints = [
+        PlannedViewpoint(
+            round_index=index,
+            drone_id=drone_id,
+            position_world=[float(value) for value in viewpoint.position_world],
+            yaw_rad=float(viewpoint.yaw_rad),
+        )
+        for index, assigned in enumerate(plan.found.assignment.rounds)
+        for drone_id, viewpoint in assigned.items()
+    ]
+    return PlanView.model_validate(
+        json_safe(
+            {
+                "capture_id": plan.capture_id,
+                "at": plan.found.at,
+                "fitness": placement.fitness,
+                "terms": {name: float(value) for name, value in placement.terms.items()},
+                "candidates": placement.candidates,
+                "bound": placement.bound,
+                "viewpoints": [viewpoint.model_dump() for viewpoint in viewpoints],
+            }
+        )
+    )

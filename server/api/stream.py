@@ -1,0 +1,172 @@
+"""The websocket ``/api/v1/stream``: events as JSON, pictures as binary messages.
+
+Per client one task moves events from the mission into an ``Outbox``, one sends from it as fast as
+the client takes them, one reads what the client says. The first to end ends the others.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+
+from fastapi import APIRouter, WebSocket
+from pydantic import TypeAdapter, ValidationError
+from starlette.websockets import WebSocketDisconnect
+
+from server.api.config import StreamConfig
+from server.api.journal import Journal
+from server.api.messages import ClientMessage, Missed, ShowTiles, TileShown
+from server.api.outbox import Outbox
+from server.mission.commands import MissionControl
+from server.mission.events import Event, Subscription
+
+logger = logging.getLogger(__name__)
+
+_UNSUPPORTED_DATA = 1003
+_POLICY_VIOLATION = 1008
+_INTERNAL_ERROR = 1011
+
+_client_message: TypeAdapter[ShowTiles | TileShown] = TypeAdapter(ClientMessage)
+
+
+@dataclass(slots=True)
+class StreamCounts:
+    """Counters for ``/metrics``.
+
+    Attributes:
+        clients: Clients connected now.
+        messages: Text messages sent since the start.
+        tiles: Pictures sent since the start.
+        missed: Events that slow clients lost since the start.
+    """
+
+    clients: int = 0
+    messages: int = 0
+    tiles: int = 0
+    missed: int = 0
+
+
+def standing_events(mission: MissionControl, journal: Journal, config: StreamConfig) -> list[Event]:
+    """Return what a newcomer needs to see the present state, oldest first."""
+    standing = mission.standing()
+    known = {id(event) for event in standing}
+    notes = [line.note for line in journal.newest(config.history)]
+    captures = [record.status for record in reversed(mission.captures()[: config.captures])]
+    remembered = [*notes, *captures, *journal.pictures.values()]
+    # An event the mission keeps standing and the journal remembers is one and the same object.
+    return [*(e for e in remembered if id(e) not in known), *standing, *mission.drones()]
+
+
+def make_stream_router(
+    mission: MissionControl, journal: Journal, config: StreamConfig, counts: StreamCounts
+) -> APIRouter:
+    """Return the router of the event stream."""
+    router = APIRouter()
+
+    @router.websocket("/api/v1/stream")
+    async def stream(socket: WebSocket) -> None:
+        await socket.accept()
+        counts.clients += 1
+        try:
+            # Subscribed before the standing events are asked for, so that nothing falls between.
+            with mission.events.subscribe(config.queue) as subscription:
+                outbox = Outbox(config.pending, standing_events(mission, journal, config))
+                await _Conversation(socket, subscription, outbox, counts).run()
+        except Exception:
+            # The supervisor of one client: whatever broke, only this client notices.
+            logger.exception("the event stream of a client failed")
+            await _close(socket, _INTERNAL_ERROR, "the server failed")
+        finally:
+            counts.clients -= 1
+
+    return router
+
+
+async def _close(socket: WebSocket, code: int, reason: str) -> None:
+    with suppress(RuntimeError, WebSocketDisconnect):  # It may be closed already.
+        await socket.close(code, reason)
+
+
+class _Conversation:
+    """One connected client."""
+
+    def __init__(
+        self,
+        socket: WebSocket,
+        subscription: Subscription,
+        outbox: Outbox,
+        counts: StreamCounts,
+    ) -> None:
+        self._socket = socket
+        self._subscription = subscription
+        self._outbox = outbox
+        self._counts = counts
+        self._work = asyncio.Event()
+        self._work.set()
+
+    async def run(self) -> None:
+        """Talk until one side has had enough; raises what broke, not that the client left."""
+        tasks = [
+            asyncio.create_task(self._collect(), name="stream collect"),
+            asyncio.create_task(self._send(), name="stream send"),
+            asyncio.create_task(self._listen(), name="stream listen"),
+        ]
+        try:
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            ends = await asyncio.gather(*tasks, return_exceptions=True)
+        for end in ends:
+            if isinstance(end, Exception) and not isinstance(end, WebSocketDisconnect):
+                raise end
+
+    async def _collect(self) -> None:
+        dropped = 0
+        async for event in self._subscription:
+            self._outbox.offer(event)
+            if self._subscription.dropped > dropped:
+                lost = self._subscription.dropped - dropped
+                self._outbox.missed(lost)
+                dropped += lost
+            self._work.set()
+
+    async def _send(self) -> None:
+        while True:
+            await self._work.wait()
+            self._work.clear()
+            while (message := self._outbox.take(time.monotonic())) is not None:
+                if isinstance(message, bytes):
+                    await self._socket.send_bytes(message)
+                    self._counts.tiles += 1
+                else:
+                    await self._socket.send_text(message.model_dump_json())
+                    self._counts.messages += 1
+                    if isinstance(message, Missed):
+                        self._counts.missed += message.events
+                # A fast client's send never waits; others must get their turn all the same.
+                await asyncio.sleep(0)
+
+    async def _listen(self) -> None:
+        while True:
+            received = await self._socket.receive()
+            if received["type"] == "websocket.disconnect":
+                return
+            text = received.get("text")
+            if text is None:
+                await _close(self._socket, _UNSUPPORTED_DATA, "only text messages are understood")
+                return
+            try:
+                message = _client_message.validate_json(text)
+            except ValidationError:
+                await _close(self._socket, _POLICY_VIOLATION, "not a message of this protocol")
+                return
+            match message:
+                case ShowTiles(drone_ids=drone_ids):
+                    self._outbox.show(drone_ids)
+                case TileShown(drone_id=drone_id, sequence=sequence):
+                    self._outbox.shown(drone_id, sequence)
+            self._work.set()

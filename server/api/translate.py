@@ -1,0 +1,188 @@
+"""Events into wire messages: the one place where the two vocabularies meet."""
+
+from __future__ import annotations
+
+import base64
+from datetime import datetime
+from typing import Literal, assert_never, cast
+
+from pydantic import BaseModel
+
+from server.api import messages
+from server.mission.events import (
+    CaptureChanged,
+    CaptureTaken,
+    DroneReported,
+    Event,
+    FrameAnnotated,
+    MetricsMeasured,
+    Noted,
+    PlanFound,
+    PlanProgressed,
+    PoseEstimated,
+    PosesRefined,
+    PreviewRendered,
+    SeedFitted,
+    TrainingProgressed,
+)
+
+CaptureState = Literal[
+    "queued", "running", "paused", "succeeded", "failed", "aborted", "interrupted"
+]
+
+
+def message_from_event(event: Event) -> BaseModel | None:
+    """Return the wire message of ``event``; None for what travels as tiles or in the 3D scene."""
+    match event:
+        case FrameAnnotated() | PoseEstimated():
+            return None
+        case DroneReported():
+            return _drone(event)
+        case CaptureChanged():
+            return _capture(event)
+        case TrainingProgressed():
+            return _training(event)
+        case SeedFitted() | PlanProgressed() | PlanFound():
+            return _planning(event)
+        case CaptureTaken():
+            return messages.PictureReport(
+                at=_iso(event.at),
+                index=event.capture.index,
+                round_index=event.capture.round_index,
+                drone_id=event.capture.pose.drone_id,
+                thumbnail=_data_url(event.thumbnail_jpeg),
+            )
+        case PosesRefined():
+            return messages.PosesReport(
+                at=_iso(event.at),
+                images=len(event.refined),
+                refined=int(event.refined.sum()),
+            )
+        case PreviewRendered():
+            return messages.PreviewReport(at=_iso(event.at), image=_data_url(event.jpeg))
+        case MetricsMeasured():
+            return _metrics(event)
+        case Noted():
+            return messages.Note(
+                at=_iso(event.at), level=event.level, text=event.text, drone_id=event.drone_id
+            )
+        case _:
+            assert_never(event)
+
+
+def _iso(at: datetime) -> str:
+    return at.isoformat()
+
+
+def _data_url(jpeg: bytes) -> str:
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg).decode("ascii")
+
+
+def _drone(event: DroneReported) -> messages.DroneReport:
+    return messages.DroneReport(
+        at=_iso(event.at),
+        drone_id=event.drone_id,
+        name=event.name,
+        colour=event.colour,
+        activity=event.activity,
+        held=event.held,
+        battery_pct=event.battery_pct,
+        temperature_c=event.temperature_c,
+        height_m=event.height_m,
+        speed_m_s=event.speed_m_s,
+        state_age_s=event.state_age_s,
+        video_age_s=event.video_age_s,
+        video_fps=event.video_fps,
+        position_sigma_m=event.position_sigma_m,
+    )
+
+
+def _capture(event: CaptureChanged) -> messages.CaptureReport:
+    return messages.CaptureReport(
+        at=_iso(event.at),
+        id=event.id,
+        # The event's state is a plain word; the message checks that it is one of ours.
+        state=cast(CaptureState, event.state),
+        phase=event.phase,
+        progress=event.progress,
+        eta_s=event.eta_s,
+        run=event.run,
+        error=event.error,
+        mode=event.mode,
+        round_index=event.round_index,
+        rounds=event.rounds,
+        images=event.images,
+        images_total=event.images_total,
+    )
+
+
+def _training(event: TrainingProgressed) -> messages.TrainingReport:
+    return messages.TrainingReport(
+        at=_iso(event.at),
+        stage=event.stage,
+        step=event.step,
+        seconds=event.seconds,
+        seconds_total=event.seconds_total,
+        loss=event.loss,
+        psnr_db=event.psnr_db,
+        held_out_psnr_db=event.held_out_psnr_db,
+        samples_per_s=event.samples_per_s,
+        images=event.images,
+    )
+
+
+def _planning(event: SeedFitted | PlanProgressed | PlanFound) -> BaseModel:
+    match event:
+        case SeedFitted():
+            outer = event.seed.outer
+            return messages.SeedReport(
+                at=_iso(event.at),
+                centre=[float(value) for value in outer.centre],
+                size=[float(value) for value in outer.size],
+                boxes=len(event.seed.boxes),
+                views=event.seed.views,
+            )
+        case PlanProgressed():
+            return messages.PlanProgress(
+                at=_iso(event.at),
+                iteration=event.iteration,
+                iterations=event.iterations,
+                temperature=event.temperature,
+                fitness=event.fitness,
+            )
+        case PlanFound():
+            return messages.PlanReport(
+                at=_iso(event.at),
+                fitness=event.placement.fitness,
+                terms={name: float(value) for name, value in event.placement.terms.items()},
+                candidates=event.placement.candidates,
+                viewpoints=len(event.placement.viewpoints),
+                bound=event.placement.bound,
+            )
+        case _:
+            assert_never(event)
+
+
+def _metrics(event: MetricsMeasured) -> messages.MetricsReport:
+    metrics = event.metrics
+    return messages.MetricsReport(
+        at=_iso(event.at),
+        images=metrics.images,
+        images_held_out=metrics.images_held_out,
+        psnr_db=metrics.psnr_db,
+        ssim=metrics.ssim,
+        flip=metrics.flip,
+        psnr_db_object=metrics.psnr_db_object,
+    )
+
+
+def tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
+    """Return the binary message of a picture; ``now_s`` is the monotonic clock."""
+    header = messages.TileHeader(
+        drone_id=event.drone_id,
+        sequence=event.sequence,
+        age_s=round(max(0.0, now_s - event.captured_s), 4),
+        damaged=event.damaged,
+    )
+    encoded = header.model_dump_json().encode()
+    return len(encoded).to_bytes(4, "big") + encoded + event.jpeg

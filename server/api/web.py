@@ -1,0 +1,105 @@
+"""Put the console's outer wall together."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+
+from server.api.captures import make_captures_router
+from server.api.config import ApiConfig
+from server.api.dashboard import make_dashboard_router
+from server.api.door import Door, DoorKeeper
+from server.api.drones import make_drones_router
+from server.api.health import make_health_router
+from server.api.journal import Journal
+from server.api.pages import SecurityHeaders
+from server.api.problems import Problem, described, install_problems
+from server.api.results import make_results_router
+from server.api.scene_bridge import make_scene_router
+from server.api.stream import StreamCounts, make_stream_router
+from server.mission.commands import MissionControl
+from server.stages import StopControl
+
+
+def make_web(
+    mission: MissionControl,
+    stops: StopControl,
+    door: Door,
+    scene_port: int | None,
+    dist: Path,
+    version: str,
+    config: ApiConfig | None = None,
+) -> FastAPI:
+    """Return the application; run it on the event loop the mission lives on.
+
+    Args:
+        mission: Everything that may be asked of the mission.
+        stops: The three stops; requests for them go there and nowhere else.
+        door: Decides who comes in.
+        scene_port: Loopback port of the 3D scene's server, None without one.
+        dist: Folder of the built dashboard; it may be missing.
+        version: Version of the program.
+        config: Bounds.
+    """
+    config = config or ApiConfig()
+    journal, counts = Journal(config.notes), StreamCounts()
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        for event in mission.standing():
+            journal.record(event)
+        follower = asyncio.create_task(journal.follow(mission.events), name="event log")
+        try:
+            yield
+        finally:
+            follower.cancel()
+            await asyncio.gather(follower, return_exceptions=True)
+
+    # FastAPI's documentation pages load scripts from elsewhere, so they are off.
+    web = FastAPI(
+        title="DroNeRF operator console",
+        version=version,
+        lifespan=lifespan,
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+
+    @web.get("/api/v1/openapi.json", include_in_schema=False)
+    async def openapi() -> dict[str, object]:
+        return openapi_document(web)
+
+    install_problems(web)
+    web.include_router(make_drones_router(mission, stops, config.command_wait_s))
+    web.include_router(make_captures_router(mission))
+    web.include_router(make_results_router(mission, journal, config.artifacts))
+    web.include_router(make_stream_router(mission, journal, config.stream, counts))
+    web.include_router(make_health_router(mission, journal, counts, version))
+    web.include_router(make_scene_router(scene_port))
+    web.include_router(make_dashboard_router(dist))
+    # The one added last stands outermost.
+    web.add_middleware(DoorKeeper, door=door)
+    web.add_middleware(SecurityHeaders)
+    return web
+
+
+def openapi_document(web: FastAPI) -> dict[str, object]:
+    """Return the OpenAPI document of ``web``, the problem document's schema included."""
+    document = get_openapi(title=web.title, version=web.version, routes=web.routes)
+    schemas = document.setdefault("components", {}).setdefault("schemas", {})
+    schemas["Problem"] = Problem.model_json_schema()
+    # FastAPI announces its own 422 where none was described; ours are problem documents too.
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            answer = operation.get("responses", {}).get("422", {})
+            if "application/json" in answer.get("content", {}):
+                operation["responses"]["422"] = described(422)[422]
+    schemas.pop("HTTPValidationError", None)
+    schemas.pop("ValidationError", None)
+    return document

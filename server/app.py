@@ -1,0 +1,247 @@
+"""The composition root: builds, wires, starts and stops everything that runs in one process.
+
+This process flies drones; it never imports torch. The simulator, the planner's annealing and the
+training are child processes, so that none of them can take the fleet down with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import json
+import logging
+import random
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import uvicorn
+
+from server.api.door import Door
+from server.api.web import make_web
+from server.mission.control import Control
+from server.mission.events import EventStream
+from server.scene.scene import SceneView
+from server.settings import Settings
+from server.swarm.config import DroneConfig, FleetConfig
+from server.swarm.fleet import Fleet
+
+logger = logging.getLogger(__name__)
+
+COLOURS = ("#e69f00", "#56b4e9", "#00b586", "#f0e442", "#cc79a7", "#d55e00", "#0092d6", "#a0a0a0")
+_DIST = Path(__file__).parent.parent / "web" / "dist"
+_LAND_S = 12.0
+_SIM_START_S = 90.0
+
+
+class StartError(Exception):
+    """Something asked for cannot be had (a port, a scene, an address); exit code 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedFleet:
+    """What to simulate.
+
+    Attributes:
+        scene: A built-in scene's name or a path to a .glb or .obj file.
+        drones: How many Tellos, 1 to 8.
+        seed: Seed of start errors, drift and noise.
+        truth: File for the true poses (for measurements only), None for none.
+        address: First loopback address, None to choose a free block.
+    """
+
+    scene: str
+    drones: int = 4
+    seed: int = 0
+    truth: Path | None = None
+    address: str | None = None
+
+
+@asynccontextmanager
+async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
+    """Run the simulator as a child process and yield the fleet that reaches it.
+
+    Raises:
+        StartError: If the scene is bad or the simulator does not start.
+    """
+    address = wanted.address or _free_loopback_block(wanted.drones)
+    arguments = ["--scene", wanted.scene, "--drones", str(wanted.drones), "--address", address]
+    arguments += ["--seed", str(wanted.seed)]
+    if wanted.truth is not None:
+        arguments += ["--truth", str(wanted.truth)]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "server.sim.simulator",
+        *arguments,
+        stdout=asyncio.subprocess.PIPE,
+        stdin=asyncio.subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    try:
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), _SIM_START_S)
+        except TimeoutError:
+            raise StartError("the simulator did not start; see the lines above") from None
+        if not line:
+            # Its own last line on stderr has already said what is wrong.
+            raise StartError(f"the simulator ended with exit code {await process.wait()}")
+        yield _fleet_of(json.loads(line)["drones"])
+    finally:
+        if process.returncode is None:
+            process.terminate()
+            try:
+                await asyncio.wait_for(process.wait(), 5.0)
+            except TimeoutError:
+                process.kill()
+                await process.wait()
+
+
+def _fleet_of(drones: list[dict[str, object]]) -> FleetConfig:
+    return FleetConfig(
+        drones=tuple(
+            DroneConfig(
+                id=str(drone["id"]),
+                name=str(drone["id"]).replace("-", " ").capitalize(),
+                colour=COLOURS[index % len(COLOURS)],
+                azimuth_deg=float(str(drone["azimuth_deg"])),
+                address=str(drone["address"]),
+                local_address=_local_address(str(drone["address"])),
+            )
+            for index, drone in enumerate(drones)
+        )
+    )
+
+
+def _local_address(address: str) -> str:
+    """Return the loopback address from which to talk to the simulated drone at ``address``."""
+    head, last = address.rsplit(".", 1)
+    return f"{head}.{int(last) + 100}"
+
+
+def _free_loopback_block(drones: int) -> str:
+    """Return the first address of a loopback block on whose command ports nobody listens."""
+    for _ in range(100):
+        first = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.1"
+        head = first.rsplit(".", 1)[0]
+        try:
+            for n in range(1, drones + 1):
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                    probe.bind((f"{head}.{n}", 8889))
+        except OSError:
+            continue
+        return first
+    raise StartError("no free loopback addresses for the simulated drones were found")
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn server that leaves signals to us: drones land before the console goes."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def bind_port(host: str, port: int) -> socket.socket:
+    """Return a bound TCP socket.
+
+    Raises:
+        StartError: If the port is taken or the address is not ours.
+    """
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise StartError(
+                f"port {port} on {host} is taken; choose another with --port"
+            ) from None
+        raise StartError(f"cannot listen on {host}:{port}: {error.strerror}") from error
+    return sock
+
+
+@asynccontextmanager
+async def flying(
+    settings: Settings, fleet_config: FleetConfig
+) -> AsyncIterator[tuple[Control, Fleet]]:
+    """Open the fleet and the mission control; on the way out every drone lands first."""
+    events = EventStream()
+    async with Fleet(fleet_config, settings.safety) as fleet:
+        async with Control(fleet, settings.runs, settings.flight(), events) as control:
+            try:
+                yield control, fleet
+            finally:
+                await land_all(fleet)
+
+
+async def land_all(fleet: Fleet) -> None:
+    """Land whatever flies and wait until it stands, at most some seconds."""
+    if all(drone.activity in ("ground", "offline", "cut") for drone in fleet.drones.values()):
+        return
+    logger.info("landing all drones before the end")
+    fleet.land()
+    deadline = asyncio.get_running_loop().time() + _LAND_S
+    while asyncio.get_running_loop().time() < deadline:
+        if not any(d.activity in ("flying", "holding", "landing") for d in fleet.drones.values()):
+            return
+        await asyncio.sleep(0.1)
+
+
+@asynccontextmanager
+async def console(
+    settings: Settings, control: Control, fleet: Fleet, sock: socket.socket
+) -> AsyncIterator[str]:
+    """Serve dashboard, API and scene on ``sock``; yields the address with its token."""
+    async with AsyncExitStack() as stack:
+        scene_port = None
+        try:
+            scene = SceneView()
+            await stack.enter_async_context(scene)
+            scene_port = scene.port
+            follow = asyncio.create_task(scene.follow(control.events), name="scene")
+            stack.push_async_callback(_end, follow)
+        except Exception:
+            logger.exception("the 3D scene did not start; everything else works without it")
+        token = settings.open_token()
+        web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
+        server = _Server(
+            uvicorn.Config(web, log_level="warning", ws_per_message_deflate=False, lifespan="off")
+        )
+        serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
+        host, port = sock.getsockname()
+        try:
+            yield f"http://{host}:{port}/?token={token}"
+        finally:
+            server.should_exit = True
+            server.force_exit = True
+            await asyncio.wait([serving], timeout=5.0)
+
+
+async def _end(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+def stop_signal() -> asyncio.Event:
+    """Return an event that SIGINT and SIGTERM set; a second signal ends the program at once."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def on_signal() -> None:
+        if stop.is_set():
+            raise SystemExit(1)
+        print("Stopping: landing first. Press again to stop without landing.", file=sys.stderr)
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, on_signal)
+    return stop

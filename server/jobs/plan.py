@@ -1,0 +1,131 @@
+"""The planning job: where the drones shall take their pictures.
+
+JSON in and out around ``server.planner.mission_plan``; ``PlanInput`` and ``PlanResult`` are that
+JSON, read and written by pydantic on both sides.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, TypeAdapter
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+from server.geometry.poses import camera_pose
+from server.jobs.spec import JobSpec
+from server.jobs.worker import Reporter
+from server.planner.config import PlannerConfig
+from server.planner.mission_plan import plan_mission
+from server.planner.placement import PlanProgress
+from server.stages import Assignment, CameraPose, Placement, SeedGeometry, Viewpoint
+
+_REPORT_S = 0.25
+Corners = tuple[list[float], list[float]]
+
+
+class PlanInput(BaseModel):
+    """What is to be planned; lengths in metres, angles in radians, world frame.
+
+    Attributes:
+        outer: Lower and upper corner of the object's outer box.
+        boxes: The same of its slices.
+        views: Views the seed geometry was made from.
+        intrinsics: The cameras' intrinsics, as ``server.geometry.cameras.Intrinsics``.
+        tilt_rad: The cameras' tilt.
+        drones: Position x, y, z and yaw of each drone by id.
+        rounds: Pictures per drone.
+        config: ``PlannerConfig``.
+    """
+
+    outer: Corners
+    boxes: list[Corners]
+    views: int
+    intrinsics: dict[str, Any]
+    tilt_rad: float
+    drones: dict[str, tuple[float, float, float, float]]
+    rounds: int
+    config: dict[str, Any]
+
+
+class PlanResult(BaseModel):
+    """What was planned; a viewpoint is x, y, z and yaw."""
+
+    viewpoints: list[tuple[float, float, float, float]]
+    fitness: float
+    terms: dict[str, float]
+    candidates: int
+    bound: float | None
+    rounds: list[dict[str, tuple[float, float, float, float]]]
+
+    def placement(self) -> Placement:
+        """Return the chosen set."""
+        viewpoints = tuple(_viewpoint(v) for v in self.viewpoints)
+        return Placement(viewpoints, self.fitness, self.terms, self.candidates, self.bound)
+
+    def assignment(self) -> Assignment:
+        """Return who takes which viewpoint when."""
+        rounds = ({d: _viewpoint(v) for d, v in entry.items()} for entry in self.rounds)
+        return Assignment(tuple(rounds))
+
+
+def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
+    """Plan, reporting the annealing a few times a second; raises ValueError on bad input."""
+    wanted = PlanInput.model_validate(spec.parameters)
+    seed = SeedGeometry(
+        _box(wanted.outer), tuple(_box(corners) for corners in wanted.boxes), wanted.views
+    )
+    poses = {
+        drone_id: CameraPose(
+            drone_id, 0.0, camera_pose(np.array(place[:3]), place[3], wanted.tilt_rad), np.eye(4)
+        )
+        for drone_id, place in wanted.drones.items()
+    }
+    reported_s = 0.0
+
+    def on_progress(progress: PlanProgress) -> None:
+        nonlocal reported_s
+        if time.monotonic() - reported_s > _REPORT_S:
+            reported_s = time.monotonic()
+            reporter.emit(
+                "progressed",
+                iteration=progress.iteration,
+                iterations=progress.iterations,
+                temperature=progress.temperature,
+                fitness=progress.fitness,
+            )
+
+    placement, assignment = plan_mission(
+        seed,
+        Intrinsics(**wanted.intrinsics),
+        wanted.tilt_rad,
+        poses,
+        wanted.rounds,
+        TypeAdapter(PlannerConfig).validate_python(wanted.config),
+        spec.seed,
+        on_progress,
+        reporter.should_stop,
+    )
+    return PlanResult(
+        viewpoints=[_place(v) for v in placement.viewpoints],
+        fitness=placement.fitness,
+        terms=dict(placement.terms),
+        candidates=placement.candidates,
+        bound=placement.bound,
+        rounds=[{d: _place(v) for d, v in entry.items()} for entry in assignment.rounds],
+    ).model_dump()
+
+
+def _box(corners: Corners) -> Box3:
+    return Box3(np.array(corners[0]), np.array(corners[1]))
+
+
+def _place(viewpoint: Viewpoint) -> tuple[float, float, float, float]:
+    x, y, z = (float(value) for value in viewpoint.position_world)
+    return x, y, z, viewpoint.yaw_rad
+
+
+def _viewpoint(place: tuple[float, float, float, float]) -> Viewpoint:
+    return Viewpoint(np.array(place[:3]), place[3])

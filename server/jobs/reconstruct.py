@@ -1,0 +1,270 @@
+"""The reconstruction job: from a run's pictures, or from any dataset, to a judged field.
+
+Stages of a flight: ``live`` (train on what there is while pictures come in), ``refine`` (poses),
+``train`` (the field that is judged, held-out pictures unseen), ``evaluate``, ``deliver`` (training
+goes on with all pictures). A dataset on disk needs the last three only.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel
+
+from server.jobs.reports import FieldReports
+from server.jobs.spec import JobSpec
+from server.jobs.worker import Reporter
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
+from server.nerf.flight import read_pictures
+from server.nerf.pose_config import PoseConfig
+from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
+from server.nerf.training import Trainer
+
+_LIVE_PICTURES = 4
+_LIVE_SLICE_S = 4.0
+_POLL_S = 0.25
+# Delivery goes on from the judged field: the last part of the schedule, for a share of its time.
+_DELIVER_FROM = 0.7
+_DELIVER_SHARE = 0.25
+_DELIVER_LEAST_S = 5.0
+
+
+class ReconstructInput(BaseModel):
+    """What is to be reconstructed.
+
+    Attributes:
+        source: A run folder that a flight fills, or a finished dataset.
+        dataset: The folder.
+        out: Folder for the results; the run folder itself when None.
+        train_seconds: Training time of the judged field, None when ``steps`` is given.
+        steps: Training steps instead.
+        downscale: Divide picture sizes by this, None to fit the training size.
+        test_every: Pictures 0, n, 2n, ... are held out.
+        backend: ``numba`` or ``torch``.
+        mode: The capture's mode, None for a dataset.
+    """
+
+    source: Literal["flight", "dataset"]
+    dataset: Path
+    out: Path | None = None
+    train_seconds: float | None = None
+    steps: int | None = None
+    downscale: int | None = None
+    test_every: int = 8
+    backend: Literal["numba", "torch"] = "numba"
+    mode: str | None = None
+
+
+class _Stages:
+    """Names the stage at work and keeps its seconds."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        begun_s = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(time.monotonic() - begun_s, 2)
+
+
+def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
+    """Reconstruct and return the result object; raises ValueError on bad input."""
+    wanted = ReconstructInput.model_validate(spec.parameters)
+    stages = _Stages()
+    trusted: list[int] | None = None
+    if wanted.source == "flight":
+        with stages.stage("live"):
+            _train_live(wanted, spec, reporter)
+        with stages.stage("refine"):
+            refined = _refine(wanted, spec, reporter)
+        trusted = [int(index) for index in np.flatnonzero(refined.refined)]
+    dataset = load_dataset(wanted.dataset, downscale=wanted.downscale)
+    out = wanted.out or wanted.dataset
+    out.mkdir(parents=True, exist_ok=True)
+    return _judge_and_deliver(dataset, trusted, out, wanted, spec, reporter, stages)
+
+
+def _judge_and_deliver(
+    dataset: Dataset,
+    trusted: list[int] | None,
+    out: Path,
+    wanted: ReconstructInput,
+    spec: JobSpec,
+    reporter: Reporter,
+    stages: _Stages,
+) -> dict[str, Any]:
+    held_out = list(range(0, len(dataset), wanted.test_every))
+    shown = [i for i in range(len(dataset)) if i not in held_out]
+    if trusted is not None and len(set(trusted) & set(shown)) >= _LIVE_PICTURES:
+        shown = [i for i in shown if i in trusted]
+    unseen = [i for i in range(len(dataset)) if i not in shown]
+    with stages.stage("compile"):
+        # Compiled code is kept, so this takes long only the first time; it is no training.
+        _trainer(dataset, unseen, wanted, spec).run(steps=2)
+    trainer = _trainer(dataset, unseen, wanted, spec)
+    reports = FieldReports(trainer, reporter, out, images=len(shown))
+    with stages.stage("train"):
+        reports.begin("train", wanted.train_seconds, held_out)
+        trainer.run(
+            wanted.train_seconds, wanted.steps, reports.on_step, should_stop=reporter.should_stop
+        )
+    samples_per_s = trainer.samples_per_s
+    with stages.stage("evaluate"):
+        reports.begin("evaluate", None, [])
+        evaluation = trainer.evaluate(held_out)
+    metrics = evaluation.metrics
+    reporter.emit("metrics", metrics=asdict(metrics))
+    with stages.stage("deliver"):
+        seconds = max(_DELIVER_LEAST_S, _DELIVER_SHARE * stages.seconds["train"])
+        trainer.use_pictures(trusted if trusted else list(range(len(dataset))))
+        reports.begin("deliver", seconds, [])
+        trainer.run(
+            seconds,
+            None,
+            reports.on_step,
+            should_stop=reporter.should_stop,
+            progress_from=_DELIVER_FROM,
+        )
+        trainer.save(out / "checkpoint.npz")
+        reports.show_preview(width=640, height=480)
+    result = {
+        "run": str(out),
+        "dataset": str(wanted.dataset),
+        "mode": wanted.mode,
+        **asdict(metrics),
+        "samples_per_s": round(samples_per_s, 1),
+        "seconds": stages.seconds,
+        "pictures": [asdict(score) for score in evaluation.pictures],
+    }
+    (out / "metrics.json").write_text(json.dumps(result, indent=1))
+    return result
+
+
+def _trainer(
+    dataset: Dataset, held_out: list[int], wanted: ReconstructInput, spec: JobSpec
+) -> Trainer:
+    return Trainer(
+        dataset,
+        FieldConfig(),
+        TrainConfig(),
+        held_out=held_out,
+        backend=wanted.backend,
+        seed=spec.seed,
+        threads=spec.threads,
+    )
+
+
+def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> None:
+    """Train on the pictures there are, with the flight's poses, until the flight is complete."""
+    trainer: Trainer | None = None
+    reports: FieldReports | None = None
+    begun_s = time.monotonic()
+    while not _complete(wanted.dataset) and not reporter.should_stop():
+        count = sum(picture.still for picture in read_pictures(wanted.dataset))
+        if count < _LIVE_PICTURES:
+            time.sleep(_POLL_S)
+            continue
+        if trainer is None or len(trainer.dataset) != count:
+            dataset = load_dataset(wanted.dataset, downscale=wanted.downscale or 2)
+            # One thread: drones are in the air.
+            trainer = Trainer(
+                dataset, FieldConfig(), TrainConfig(), held_out=[], seed=spec.seed, threads=1
+            )
+            reports = FieldReports(trainer, reporter, wanted.dataset, images=len(dataset))
+            reports.begin("live", None, [], begun_s)
+        assert reports is not None
+        trainer.run(
+            seconds=_LIVE_SLICE_S, on_progress=reports.on_step, should_stop=reporter.should_stop
+        )
+
+
+def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> RefinedPoses:
+    """Refine the poses of all stills and write them into ``transforms.json`` and ``poses.json``.
+
+    Returns:
+        The refined poses of the stills alone.
+    """
+    folder = wanted.dataset
+    flown = read_pictures(folder)
+    before = load_dataset(folder, downscale=1)
+    pictures = [
+        PosedPicture(
+            file=folder / picture.file,
+            T_world_cam=picture.T_world_cam,
+            sigma_m=picture.sigma_m,
+            sigma_rad=picture.sigma_rad,
+            still=picture.still,
+            drone_id=picture.drone_id,
+            at_s=picture.at_s,
+            mask_file=None if picture.mask is None else folder / picture.mask,
+        )
+        for picture in flown
+    ]
+    begun_s = time.monotonic()
+
+    def on_progress(what: str, share: float) -> None:
+        seconds = time.monotonic() - begun_s
+        reporter.emit(
+            "progressed",
+            stage="refine",
+            step=0,
+            seconds=round(seconds, 1),
+            seconds_total=round(seconds / share, 1) if share > 0.05 else None,
+            loss=None,
+            psnr_db=None,
+            held_out_psnr_db=None,
+            samples_per_s=0.0,
+            images=len(pictures),
+        )
+
+    camera = before.intrinsics[0]
+    poses = refine_poses(
+        pictures,
+        camera,
+        folder / "jobs" / "poses",
+        PoseConfig(threads=spec.threads, seed=spec.seed),
+        on_progress,
+        reporter.should_stop,
+    )
+    stills = np.array([picture.still for picture in pictures])
+    T_world_cam, refined = poses.T_world_cam[stills], poses.refined[stills]
+    listed = [picture for picture in flown if picture.still]
+    write_transforms(
+        folder,
+        [PosedFile(p.file, T, p.mask) for p, T in zip(listed, T_world_cam, strict=True)],
+        camera,
+        before.object_box,
+    )
+    about = {
+        "message": poses.message,
+        "reprojection_rms_px": poses.reprojection_rms_px,
+        "pictures": [
+            {"file": p.file, "refined": bool(done)} for p, done in zip(listed, refined, strict=True)
+        ],
+    }
+    (folder / "poses.json").write_text(json.dumps(about, indent=1))
+    reporter.emit(
+        "refined", T_world_cam=T_world_cam.tolist(), refined=refined.tolist(), message=poses.message
+    )
+    return RefinedPoses(
+        T_world_cam, refined, poses.reprojection_rms_px, poses.points_world, poses.message
+    )
+
+
+def _complete(folder: Path) -> bool:
+    """Return whether the mission has said that no picture follows."""
+    try:
+        return bool(json.loads((folder / "capture.json").read_text())["complete"])
+    except (OSError, ValueError, KeyError) as error:
+        raise DatasetError(f"{folder} is no run folder: {error}") from error

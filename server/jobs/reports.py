@@ -1,0 +1,104 @@
+"""What a training tells about itself while it runs: figures once a second, previews now and then."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from server.jobs.worker import Reporter
+from server.nerf.metrics import psnr_db
+from server.nerf.preview import render_preview
+from server.nerf.training import StepReport, Trainer
+
+_REPORT_S = 1.0
+_PREVIEW_S = 4.0
+_SCORE_S = 8.0
+_ORBIT_S = 40.0
+# The curve's held-out figure is taken on small renderings; the final figures are not.
+_SCORE_SCALE = 0.25
+
+
+class FieldReports:
+    """Reports of one trainer.
+
+    Args:
+        trainer: Whom to watch.
+        reporter: Where the news goes.
+        out: Folder that gets ``preview.jpg``.
+        images: Pictures in use.
+    """
+
+    def __init__(self, trainer: Trainer, reporter: Reporter, out: Path, images: int) -> None:
+        self._trainer = trainer
+        self._reporter = reporter
+        self._out = out
+        self._images = images
+        self._stage = ""
+        self._total_s: float | None = None
+        self._begun_s = time.monotonic()
+        self._told_s = self._shown_s = self._scored_s = 0.0
+        self._watched: list[int] = []
+        self._score_db: float | None = None
+
+    def begin(
+        self, stage: str, total_s: float | None, watched: list[int], begun_s: float | None = None
+    ) -> None:
+        """Begin a stage of ``total_s`` seconds, scoring the pictures ``watched`` as it goes on."""
+        self._stage, self._total_s, self._watched = stage, total_s, watched
+        self._begun_s = time.monotonic() if begun_s is None else begun_s
+        self._told_s = self._begun_s
+        self._shown_s = self._scored_s = time.monotonic()
+        self._tell(None)
+
+    def on_step(self, step: StepReport) -> None:
+        """Take one step's figures; tell, score and show when it is time."""
+        now_s = time.monotonic()
+        if self._watched and now_s - self._scored_s > _SCORE_S:
+            self._scored_s = now_s
+            self._score_db = float(np.mean([self._score(index) for index in self._watched]))
+        if now_s - self._told_s > _REPORT_S:
+            self._told_s = now_s
+            self._tell(step)
+        if now_s - self._shown_s > _PREVIEW_S:
+            self.show_preview()
+            self._shown_s = time.monotonic()
+
+    def show_preview(self, width: int = 320, height: int = 240) -> None:
+        """Render the orbit's present picture into ``preview.jpg`` and announce it."""
+        turn = (time.monotonic() / _ORBIT_S) % 1.0
+        preview = render_preview(self._trainer, turn, width=width, height=height)
+        draft = self._out / ".preview.jpg.part"
+        draft.write_bytes(preview.jpeg)
+        draft.replace(self._out / "preview.jpg")
+        self._reporter.emit(
+            "preview",
+            file="preview.jpg",
+            T_world_cam=preview.T_world_cam.tolist(),
+            intrinsics=asdict(preview.intrinsics),
+        )
+
+    def _score(self, index: int) -> float:
+        dataset = self._trainer.dataset
+        camera = dataset.intrinsics[index].scaled(_SCORE_SCALE)
+        shown = self._trainer.render(camera, dataset.T_world_cam[index]).rgb
+        size = (camera.width, camera.height)
+        small = cv2.resize(dataset.images[index], size, interpolation=cv2.INTER_AREA)
+        return psnr_db(shown, small.astype(np.float32) / np.float32(255.0))
+
+    def _tell(self, step: StepReport | None) -> None:
+        self._reporter.emit(
+            "progressed",
+            stage=self._stage,
+            step=self._trainer.steps,
+            seconds=round(time.monotonic() - self._begun_s, 2),
+            seconds_total=self._total_s,
+            loss=None if step is None else round(step.loss, 6),
+            psnr_db=None if step is None else round(step.psnr_db, 3),
+            held_out_psnr_db=None if self._score_db is None else round(self._score_db, 3),
+            samples_per_s=round(self._trainer.samples_per_s, 1),
+            images=self._images,
+        )

@@ -1,0 +1,52 @@
+"""What a job is: plain JSON in, JSON lines out.
+
+A job is a folder with ``spec.json``. The worker prints one JSON object per line on stdout and
+copies it to ``events.jsonl``; each has ``event`` (``progressed``, ``found``, ``preview``,
+``refined``, ``metrics``, ``done`` or ``failed``) and what belongs to it. The file ``stop`` asks the
+worker to end at its next step.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+Kind = Literal["plan", "reconstruct"]
+
+
+@dataclass(frozen=True, slots=True)
+class JobSpec:
+    """One piece of background work.
+
+    Attributes:
+        kind: Which program of the worker runs it.
+        parameters: Its input, JSON values only.
+        seed: Seed of everything random in it.
+        threads: CPU threads it may use.
+        niceness: Added to the process's nice value; higher yields more to flight.
+    """
+
+    kind: Kind
+    parameters: dict[str, Any]
+    seed: int = 0
+    threads: int = 1
+    niceness: int = 10
+
+    def write(self, folder: Path) -> None:
+        """Write ``spec.json`` into ``folder``, which is made if needed."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "spec.json").write_text(json.dumps(asdict(self), indent=1))
+
+    @classmethod
+    def read(cls, folder: Path) -> JobSpec:
+        """Read ``spec.json`` of ``folder``.
+
+        Raises:
+            ValueError: If it is missing or not a job.
+        """
+        try:
+            return cls(**json.loads((folder / "spec.json").read_text()))
+        except (OSError, TypeError, json.JSONDecodeError) as error:
+            raise ValueError(f"{folder} is not a job folder: {error}") from error

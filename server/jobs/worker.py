@@ -1,0 +1,78 @@
+"""The worker program: ``python -m server.jobs.worker JOB_FOLDER``, the same wherever it runs.
+
+It prints JSON lines on stdout (see ``server.jobs.spec``), logs to stderr, and ends with exit code 0
+after ``done`` or 1 after ``failed``. It stops at its next step when the file ``stop`` appears or the
+process that started it is gone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import logging
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from server.jobs.spec import JobSpec
+
+# By name, so that planning does not wait for torch to load.
+_PROGRAMS = {"plan": "server.jobs.plan", "reconstruct": "server.jobs.reconstruct"}
+
+
+class Reporter:
+    """The worker's way out (events) and in (the wish to stop)."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._events = (folder / "events.jsonl").open("a")
+        self._parent = os.getppid()
+        self._terminated = False
+        signal.signal(signal.SIGTERM, self._on_term)
+
+    def _on_term(self, number: int, frame: FrameType | None) -> None:
+        self._terminated = True
+
+    def emit(self, event: str, **fields: Any) -> None:
+        """Print one event and keep a copy."""
+        line = json.dumps({"event": event, "at_s": time.time()} | fields)
+        print(line, flush=True)
+        self._events.write(line + "\n")
+        self._events.flush()
+
+    def should_stop(self) -> bool:
+        """Return True once somebody asked for the end or the starting process is gone."""
+        return self._terminated or os.getppid() != self._parent or (self._folder / "stop").exists()
+
+
+def main() -> int:
+    """Run the job in the folder given as the only argument."""
+    if len(sys.argv) != 2:
+        print("usage: python -m server.jobs.worker JOB_FOLDER", file=sys.stderr)
+        return 2
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
+    folder = Path(sys.argv[1])
+    try:
+        spec = JobSpec.read(folder)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    os.nice(spec.niceness)
+    reporter = Reporter(folder)
+    try:
+        result = importlib.import_module(_PROGRAMS[spec.kind]).run(spec, reporter)
+    except Exception as error:
+        logging.getLogger(__name__).exception("job failed")
+        bad_input = isinstance(error, ValueError)
+        reporter.emit("failed", error=str(error) if bad_input else repr(error), bad_input=bad_input)
+        return 1
+    reporter.emit("done", **result)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

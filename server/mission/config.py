@@ -1,0 +1,70 @@
+"""What the mission may be told: tolerances, waits and counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from server.planner.config import PlannerConfig
+from server.swarm.config import SafetyConfig
+from server.vision.config import VisionConfig
+
+
+@dataclass(frozen=True, slots=True)
+class MissionConfig:
+    """Numbers of the flight; every one must be positive.
+
+    Attributes:
+        control_rate_hz: How often setpoints are computed and sent.
+        connect_timeout_s: How long preflight waits for every drone's telemetry and first picture.
+        centre_timeout_s: How long the drones may take to centre the object before the seed views.
+        plan_timeout_s: After this long without a plan the paper's circular step is flown.
+        fly_timeout_s: How long a move to the next viewpoints may take.
+        tune_timeout_s: How long the trim on the box may take in each round.
+        arrive_m: A drone has arrived when it believes to be this near.
+        arrive_rad: And its heading is this near.
+        centred_px: The box counts as centred when its centroid is this near the wanted place.
+        still_m_s: A picture is taken below this speed.
+        picture_timeout_s: How long a capture waits for an undamaged picture of a still drone.
+        keyframe_m: A key frame is saved after each such move of a camera.
+        keyframe_rad: Or after each such turn.
+        object_sigma_m: Uncertainty of the object's place before anything is seen.
+        cruise_height_m: Height of the nominal start viewpoints until the object has been seen.
+    """
+
+    control_rate_hz: float = 15.0
+    connect_timeout_s: float = 20.0
+    centre_timeout_s: float = 20.0
+    plan_timeout_s: float = 20.0
+    fly_timeout_s: float = 25.0
+    tune_timeout_s: float = 4.0
+    arrive_m: float = 0.12
+    arrive_rad: float = 0.08
+    centred_px: float = 40.0
+    still_m_s: float = 0.15
+    picture_timeout_s: float = 3.0
+    keyframe_m: float = 0.2
+    keyframe_rad: float = 0.15
+    object_sigma_m: float = 0.3
+    cruise_height_m: float = 0.8
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not getattr(self, entry.name) > 0:
+                raise ValueError(f"mission.{entry.name} must be positive")
+
+
+@dataclass(frozen=True, slots=True)
+class FlightConfig:
+    """The config of everything that flies, handed down in pieces.
+
+    Attributes:
+        mission: This package's own.
+        planner: Of ``server.planner``.
+        vision: Of ``server.vision``.
+        safety: Of ``server.swarm``.
+    """
+
+    mission: MissionConfig
+    planner: PlannerConfig
+    vision: VisionConfig
+    safety: SafetyConfig

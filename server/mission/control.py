@@ -1,0 +1,285 @@
+"""The mission's front desk: implements ``MissionControl`` for console, shell and tests.
+
+It owns the standing tasks (eyes, pilot, reports) and at most one running mission, and it knows the
+captures on disk. Everything here runs on the event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from server.jobs.runner import LocalRunner
+from server.mission.commands import (
+    CaptureRecord,
+    CaptureRequest,
+    DroneCommand,
+    RefusedError,
+    UnknownError,
+)
+from server.mission.config import FlightConfig
+from server.mission.events import (
+    CaptureChanged,
+    DroneReported,
+    Event,
+    EventStream,
+    FrameAnnotated,
+    MetricsMeasured,
+    Noted,
+    PlanFound,
+    PosesRefined,
+    PreviewRendered,
+    SeedFitted,
+)
+from server.mission.eyes import Eye
+from server.mission.mission import Mission, MissionTools
+from server.mission.pilot import Pilot
+from server.store.runs import RunFolder, list_runs
+from server.swarm.fleet import Fleet
+
+logger = logging.getLogger(__name__)
+
+_REPORT_S = 0.2
+# The newest of each is what a newcomer to the console needs to see.
+_STANDING = (SeedFitted, PlanFound, PosesRefined, PreviewRendered, MetricsMeasured, CaptureChanged)
+
+
+class Control:
+    """Runs the eyes, the pilot and the missions of one fleet.
+
+    Use as an async context manager: entering starts the standing tasks; leaving ends them.
+
+    Attributes:
+        events: Where all news goes.
+    """
+
+    def __init__(self, fleet: Fleet, runs: Path, config: FlightConfig, events: EventStream) -> None:
+        self.events = events
+        self._fleet = fleet
+        self._runs = runs
+        self._config = config
+        self._threads = ThreadPoolExecutor(2, thread_name_prefix="eyes")
+        self._eyes = {
+            drone_id: Eye(drone, config.vision, events, self._threads)
+            for drone_id, drone in fleet.drones.items()
+        }
+        self._pilot = Pilot(fleet, self._eyes, config, events)
+        self._tools = MissionTools(fleet, self._eyes, self._pilot, LocalRunner(), events, config)
+        self._records: dict[str, CaptureRecord] = _records_on_disk(runs)
+        self._standing: dict[type[Event], Event] = {}
+        self._mission: Mission | None = None
+        self._mission_task: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        self._connecting: list[asyncio.Task[None]] = []
+
+    async def __aenter__(self) -> Control:
+        self._tasks = [
+            *(
+                asyncio.create_task(eye.run(), name=f"eye {drone_id}")
+                for drone_id, eye in self._eyes.items()
+            ),
+            asyncio.create_task(self._pilot.run(), name="pilot"),
+            asyncio.create_task(self._report(), name="reports"),
+            asyncio.create_task(self._watch(), name="standing events"),
+        ]
+        # Connecting ends by itself, so it is no standing task.
+        self._connecting = [
+            asyncio.create_task(drone.connect(), name=f"connect {drone_id}")
+            for drone_id, drone in self._fleet.drones.items()
+        ]
+        for task in self._tasks:
+            task.add_done_callback(self._on_task_end)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        if self._mission_task is not None and not self._mission_task.done():
+            assert self._mission is not None
+            self._mission.abort("the console is shutting down")
+            await asyncio.wait([self._mission_task], timeout=20.0)
+        for task in (*self._tasks, *self._connecting):
+            task.cancel()
+        await asyncio.gather(*self._tasks, *self._connecting, return_exceptions=True)
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def _on_task_end(self, task: asyncio.Task[None]) -> None:
+        if task.cancelled():
+            return
+        # A standing task never ends by itself: whoever flies blind must land.
+        logger.error("%s ended: landing the fleet", task.get_name(), exc_info=task.exception())
+        self._fleet.land()
+        self.events.publish(
+            Noted("error", f"The console's task “{task.get_name()}” failed, so all drones land.")
+        )
+
+    # -- what is known ------------------------------------------------------------------------
+
+    def drones(self) -> list[DroneReported]:
+        """Return the newest report of every drone, in fleet order."""
+        return [self._pilot.report(drone_id) for drone_id in self._fleet.drones]
+
+    def newest_frame(self, drone_id: str) -> FrameAnnotated | None:
+        """Return the newest annotated picture; raises UnknownError."""
+        return self._eye(drone_id).annotated
+
+    def standing(self) -> list[Event]:
+        """Return the events a newcomer needs to see the present state."""
+        return list(self._standing.values())
+
+    def captures(self) -> list[CaptureRecord]:
+        """Return all known captures, newest first."""
+        return sorted(self._records.values(), key=lambda record: record.status.id, reverse=True)
+
+    def capture(self, capture_id: str) -> CaptureRecord:
+        """Return one capture; raises UnknownError."""
+        try:
+            return self._records[capture_id]
+        except KeyError:
+            raise UnknownError(f"there is no capture {capture_id!r}") from None
+
+    def run_folder(self, capture_id: str) -> Path:
+        """Return the run folder of a capture; raises UnknownError."""
+        return Path(self.capture(capture_id).status.run)
+
+    # -- what may be done ---------------------------------------------------------------------
+
+    async def command_drone(self, drone_id: str, command: DroneCommand) -> None:
+        """Carry out one drone's command; raises UnknownError or RefusedError."""
+        self._eye(drone_id)
+        drone = self._fleet.drones[drone_id]
+        match command:
+            case "hold":
+                self._fleet.hold(drone_id)
+            case "land":
+                self._fleet.land(drone_id)
+            case "cut_motors":
+                self._fleet.cut_motors(drone_id)
+            case "rearm":
+                drone.rearm()
+                self.events.publish(Noted("info", "Re-armed: it takes commands again.", drone_id))
+            case "takeoff":
+                if self._flying_mission():
+                    raise RefusedError("a capture is running; it flies the drones")
+                if drone.held:
+                    raise RefusedError(f"{drone_id} is held; re-arm it first")
+                self._pilot.place_at_start(drone_id)
+                await drone.take_off()
+
+    async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
+        """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
+        drones = _checked(request, list(self._fleet.drones))
+        if self._mission_task is not None and not self._mission_task.done():
+            raise RefusedError("a capture is running; abort it or wait for its end")
+        held = [d for d in drones if self._fleet.drones[d].held]
+        if held:
+            raise RefusedError(f"{', '.join(held)} held; re-arm first")
+        run = RunFolder.create(self._runs, request.name)
+        self._standing.clear()
+        self._mission = Mission(request, drones, run, self._tools)
+        record = CaptureRecord(request, self._mission.status(), datetime.now(UTC), None)
+        self._records[run.id] = record
+        self._mission_task = asyncio.create_task(self._mission.run(), name=f"mission {run.id}")
+        self.events.publish(record.status)
+        return record
+
+    async def pause_capture(self, capture_id: str) -> CaptureRecord:
+        """Hold position and stop the mission's clock; raises UnknownError or RefusedError."""
+        return self._steer(capture_id, lambda mission: mission.pause())
+
+    async def resume_capture(self, capture_id: str) -> CaptureRecord:
+        """Go on; raises UnknownError or RefusedError."""
+        return self._steer(capture_id, lambda mission: mission.resume())
+
+    async def abort_capture(self, capture_id: str) -> CaptureRecord:
+        """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
+        return self._steer(capture_id, lambda mission: mission.abort("aborted by the operator"))
+
+    async def wait_for_capture(self, capture_id: str) -> CaptureRecord:
+        """Return the capture's record once it has ended; raises UnknownError."""
+        self.capture(capture_id)
+        if self._mission is not None and self._mission.run_folder.id == capture_id:
+            assert self._mission_task is not None
+            await asyncio.wait([self._mission_task])
+        return self.capture(capture_id)
+
+    def _steer(self, capture_id: str, act: Any) -> CaptureRecord:
+        self.capture(capture_id)
+        mission = self._mission
+        if mission is None or mission.run_folder.id != capture_id or mission.over:
+            raise RefusedError("this capture is not running")
+        try:
+            act(mission)
+        except ValueError as error:
+            raise RefusedError(str(error)) from error
+        self._keep(mission.status())
+        return self._records[capture_id]
+
+    # -- standing tasks -----------------------------------------------------------------------
+
+    async def _report(self) -> None:
+        while True:
+            for report in self.drones():
+                self.events.publish(report)
+            await asyncio.sleep(_REPORT_S)
+
+    async def _watch(self) -> None:
+        with self.events.subscribe(1024) as subscription:
+            async for event in subscription:
+                if isinstance(event, _STANDING):
+                    self._standing[type(event)] = event
+                if isinstance(event, CaptureChanged):
+                    self._keep(event)
+
+    def _keep(self, status: CaptureChanged) -> None:
+        record = self._records.get(status.id)
+        if record is not None:
+            metrics = RunFolder(Path(status.run)).metrics()
+            self._records[status.id] = dataclasses.replace(record, status=status, metrics=metrics)
+
+    def _eye(self, drone_id: str) -> Eye:
+        try:
+            return self._eyes[drone_id]
+        except KeyError:
+            raise UnknownError(f"there is no drone {drone_id!r}") from None
+
+    def _flying_mission(self) -> bool:
+        return self._mission is not None and self._mission.airborne
+
+
+def _checked(request: CaptureRequest, fleet: list[str]) -> list[str]:
+    """Return the drones to use; raises ValueError naming the number that is wrong."""
+    count = len(fleet) if request.drones is None else request.drones
+    if not 1 <= count <= len(fleet):
+        raise ValueError(f"drones must be 1 to {len(fleet)}, not {count}")
+    if not count <= request.pictures <= 400:
+        raise ValueError(f"pictures must be {count} (one each) to 400, not {request.pictures}")
+    if not 1.0 <= request.train_seconds <= 86_400:
+        raise ValueError(f"train_seconds must be 1 to 86400, not {request.train_seconds}")
+    if request.mode not in ("optimized", "standard"):
+        raise ValueError(f"mode must be optimized or standard, not {request.mode}")
+    return fleet[:count]
+
+
+def _records_on_disk(runs: Path) -> dict[str, CaptureRecord]:
+    """Return the captures that earlier programs left; one that was running is interrupted."""
+    records: dict[str, CaptureRecord] = {}
+    for run in list_runs(runs):
+        state = run.state()
+        if state is None:
+            logger.warning("%s has no readable capture.json", run.path)
+            continue
+        status = dict(state["status"])
+        if status["state"] in ("queued", "running", "paused"):
+            status |= {"state": "interrupted", "error": "the console ended while it was running"}
+        status |= {"run": str(run.path)}
+        records[run.id] = CaptureRecord(
+            CaptureRequest(**state["request"]),
+            CaptureChanged(**status),
+            datetime.fromisoformat(state["started_at"]),
+            run.metrics(),
+        )
+    return records

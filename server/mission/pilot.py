@@ -1,0 +1,389 @@
+"""Gets drones to their goals: believes poses, wants velocities, avoids, limits, sends setpoints.
+
+One loop for the whole fleet. Per drone a goal says what is wanted: nothing (hover), to see the
+object whole and centred from an azimuth (``centre``), to be at a viewpoint (``fly``), or to see the
+object as the viewpoint wants it (``trim``, the paper's PID). Every wish passes through reciprocal
+avoidance and the safety limits. When this loop stops, setpoints expire and the drones hover.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.axes import wrap_angle
+from server.geometry.boxes import Box3
+from server.mission.config import FlightConfig
+from server.mission.events import DroneReported, EventStream, Noted, PoseEstimated
+from server.mission.eyes import Eye, Sight
+from server.planner.avoidance import Agent, Obstacle, agent_from_pose, avoid
+from server.planner.ring import facing
+from server.planner.route import route_velocity
+from server.planner.tracking import (
+    BoxTracker,
+    WantedView,
+    box_errors,
+    fly_to,
+    wanted_view,
+    yaw_rate_to,
+)
+from server.stages import Box, CameraPose, SeedGeometry, Setpoint, Viewpoint
+from server.swarm.drone import Drone
+from server.swarm.fleet import Fleet
+from server.swarm.safety import judge_pose, limit_setpoint
+from server.vision.expectation import expected_region
+from server.vision.localization import PoseFilter, TargetEstimate, TargetEstimator
+
+Array = NDArray[np.float64]
+
+_POSE_EVENT_S = 0.1
+# A box older than this says nothing about where the drone is now.
+_STALE_S = 0.6
+# While the object is cut off by the picture's edge, step back this fast, metres per second.
+_STEP_BACK_M_S = 0.35
+_FULL_FRAME = 0.85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Centre:
+    azimuth_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fly:
+    viewpoint: Viewpoint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trim:
+    viewpoint: Viewpoint
+    wanted: WantedView
+
+
+class _Wing:
+    """One drone with what is believed and wanted of it."""
+
+    def __init__(self, drone: Drone, eye: Eye, start: Viewpoint, config: FlightConfig) -> None:
+        self.drone = drone
+        self.eye = eye
+        self.start = start
+        self.tilt_rad = float(np.deg2rad(drone.config.tilt_deg))
+        self.goal: _Centre | _Fly | _Trim | None = None
+        self.radius_m = float(np.hypot(*start.position_world[:2]))
+        self.tracker = BoxTracker(config.planner.tracking)
+        self.flown = False
+        self._config = config
+        self._sequence = -1
+        self._told_s = 0.0
+        self.place_at_start()
+
+    def place_at_start(self) -> None:
+        """Believe the drone to stand at its nominal start place."""
+        self.filter = PoseFilter(
+            self.drone.config.id,
+            self.start.position_world,
+            self.start.yaw_rad,
+            self._config.vision.localization,
+            self.drone.config.intrinsics,
+            self.tilt_rad,
+        )
+
+    def fresh_sight(self, now_s: float) -> Sight | None:
+        """Return the newest sight unless it is stale."""
+        sight = self.eye.sight
+        if sight is None or now_s - sight.frame.captured_s > _STALE_S:
+            return None
+        return sight
+
+    def fresh_box(self, now_s: float) -> Box | None:
+        """Return the box of the newest sight unless that is stale."""
+        sight = self.fresh_sight(now_s)
+        return None if sight is None else sight.box
+
+    def observe(self, target: TargetEstimator) -> None:
+        """Take new telemetry and a new box, and share what they tell about the object."""
+        if self.drone.telemetry is not None:
+            self.filter.observe_telemetry(self.drone.telemetry)
+        sight = self.eye.sight
+        if sight is None or sight.frame.sequence <= self._sequence:
+            return
+        self._sequence = sight.frame.sequence
+        if sight.box is not None and self.drone.airborne:
+            others = target.estimate(excluding=self.drone.config.id)
+            self.filter.observe_box(sight.box, sight.frame.captured_s, others)
+            target.observe(self.drone.config.id, self.filter.target_belief())
+
+
+class Pilot:
+    """Flies the fleet towards goals.
+
+    Attributes:
+        paused: While True every drone hovers, still avoiding.
+        seed: The seed geometry once known: an obstacle, and what trimming aims at.
+    """
+
+    def __init__(
+        self, fleet: Fleet, eyes: dict[str, Eye], config: FlightConfig, events: EventStream
+    ) -> None:
+        self.paused = False
+        self.seed: SeedGeometry | None = None
+        self._config = config
+        self._events = events
+        self._target = TargetEstimator(config.vision.localization)
+        self._dt_s = 1.0 / config.mission.control_rate_hz
+        self._wings: dict[str, _Wing] = {}
+        for drone_id, drone in fleet.drones.items():
+            azimuth_rad = float(np.deg2rad(drone.config.azimuth_deg))
+            start = facing(np.zeros(3), azimuth_rad, fleet.config.start_radius_m, 0.0)
+            self._wings[drone_id] = _Wing(drone, eyes[drone_id], start, config)
+        self._judged: dict[str, str] = {}
+
+    # -- goals --------------------------------------------------------------------------------
+
+    def place_at_start(self, drone_id: str) -> None:
+        """Believe a drone at its start place, unless it has flown: then it stands where it landed."""
+        wing = self._wings[drone_id]
+        if not wing.flown:
+            wing.place_at_start()
+        wing.flown = True
+        wing.goal = None
+
+    def start_azimuth_rad(self, drone_id: str) -> float:
+        """Return the nominal azimuth of a drone's start place."""
+        return float(np.deg2rad(self._wings[drone_id].drone.config.azimuth_deg))
+
+    def centre(self, drone_id: str, azimuth_rad: float) -> None:
+        """Want the object whole and centred, seen from ``azimuth_rad``."""
+        self._wings[drone_id].goal = _Centre(azimuth_rad)
+
+    def fly(self, drone_id: str, viewpoint: Viewpoint) -> None:
+        """Want the drone at ``viewpoint``."""
+        self._wings[drone_id].goal = _Fly(viewpoint)
+
+    def trim(self, drone_id: str, viewpoint: Viewpoint) -> None:
+        """Want the object to appear as from ``viewpoint``; needs the seed geometry."""
+        assert self.seed is not None
+        wing = self._wings[drone_id]
+        camera = wing.drone.config.intrinsics
+        wing.tracker.reset()
+        wing.goal = _Trim(viewpoint, wanted_view(self.seed, viewpoint, camera, wing.tilt_rad))
+
+    def release(self, drones: list[str]) -> None:
+        """Want nothing any more."""
+        for drone_id in drones:
+            self._wings[drone_id].goal = None
+        self.paused = False
+
+    # -- what is believed ---------------------------------------------------------------------
+
+    def pose(self, drone_id: str, at_s: float | None = None) -> CameraPose:
+        """Return the believed camera pose of a drone, now or at a recent time."""
+        if at_s is None:
+            at_s = asyncio.get_running_loop().time()
+        return self._wings[drone_id].filter.pose(at_s)
+
+    def arrived(self, drone_id: str) -> bool:
+        """Return whether the drone believes to be at its viewpoint."""
+        goal = self._wings[drone_id].goal
+        if not isinstance(goal, _Fly):
+            return False
+        pose, config = self.pose(drone_id), self._config.mission
+        offset_m = float(np.linalg.norm(goal.viewpoint.position_world - pose.position_world))
+        turn_rad = abs(wrap_angle(goal.viewpoint.yaw_rad - pose.yaw_rad))
+        return offset_m < config.arrive_m and turn_rad < config.arrive_rad
+
+    def centred(self, drone_id: str) -> bool:
+        """Return whether the object appears where the goal wants it."""
+        wing = self._wings[drone_id]
+        now_s = asyncio.get_running_loop().time()
+        box = wing.fresh_box(now_s)
+        if box is None:
+            return False
+        if isinstance(wing.goal, _Trim):
+            errors = box_errors(box, self.pose(drone_id), wing.goal.wanted, 1.0)
+            moves = np.array([errors.left_m, errors.up_m])
+            config = self._config.mission
+            return bool(np.abs(moves).max() < config.arrive_m) and (
+                abs(errors.yaw_rad) < config.arrive_rad
+            )
+        if isinstance(wing.goal, _Centre):
+            camera = wing.drone.config.intrinsics
+            off_px = np.abs(box.centroid_px - np.array([camera.cx, camera.cy])).max()
+            return not box.touches_edge and off_px < 2.0 * self._config.mission.centred_px
+        return False
+
+    def report(self, drone_id: str) -> DroneReported:
+        """Return everything a person wants to know about one drone."""
+        wing = self._wings[drone_id]
+        drone, telemetry = wing.drone, wing.drone.telemetry
+        now_s = asyncio.get_running_loop().time()
+        pose = wing.filter.pose(now_s)
+        frame = drone.newest_frame
+        return DroneReported(
+            drone_id=drone_id,
+            name=drone.config.label,
+            colour=drone.config.colour,
+            activity=drone.activity,
+            held=drone.held,
+            battery_pct=None if telemetry is None else telemetry.battery_pct,
+            temperature_c=None if telemetry is None else telemetry.temperature_c,
+            height_m=None if telemetry is None else float(pose.position_world[2]),
+            speed_m_s=None if telemetry is None else float(np.linalg.norm(telemetry.velocity_m_s)),
+            state_age_s=None if telemetry is None else now_s - telemetry.received_s,
+            video_age_s=None if frame is None else now_s - frame.captured_s,
+            video_fps=drone.video_fps,
+            position_sigma_m=pose.position_sigma_m,
+        )
+
+    # -- the loop -----------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Fly for ever."""
+        loop = asyncio.get_running_loop()
+        told_s = 0.0
+        while True:
+            begun_s = loop.time()
+            self._tick(begun_s)
+            if begun_s - told_s > _POSE_EVENT_S:
+                told_s = begun_s
+                self._tell_poses(begun_s)
+            await asyncio.sleep(max(0.005, self._dt_s - (loop.time() - begun_s)))
+
+    def _tick(self, now_s: float) -> None:
+        for wing in self._wings.values():
+            wing.observe(self._target)
+        target = self._target.estimate()
+        flying: list[tuple[_Wing, CameraPose, float]] = []
+        agents: list[Agent] = []
+        for wing in self._wings.values():
+            pose = wing.filter.pose(now_s)
+            camera = wing.drone.config.intrinsics
+            wing.eye.expect(expected_region(pose, target, camera, self.seed))
+            if not wing.drone.airborne:
+                continue
+            wish = np.zeros(3), 0.0
+            if not self.paused and not wing.drone.held:
+                wish = self._wish(wing, pose, target, now_s)
+            flying.append((wing, pose, wish[1]))
+            agents.append(agent_from_pose(pose, _velocity_world(wing, pose), wish[0]))
+        if not flying:
+            return
+        planner = self._config.planner
+        obstacle = self._obstacle(target)
+        velocities = avoid(
+            agents,
+            [Obstacle(obstacle, self._config.safety.standoff_m)],
+            planner.space,
+            planner.avoidance,
+            self._dt_s,
+        )
+        poses = [pose for _, pose, _ in flying]
+        for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
+            setpoint = Setpoint(_turned(velocity, -pose.yaw_rad), yaw_rate)
+            setpoint = limit_setpoint(setpoint, pose, obstacle, self._config.safety)
+            self._judge(wing, pose, [other for other in poses if other is not pose])
+            wing.drone.set_setpoint(setpoint, now_s)
+
+    def _wish(
+        self, wing: _Wing, pose: CameraPose, target: TargetEstimate, now_s: float
+    ) -> tuple[Array, float]:
+        """Return the velocity ``(3,)``, world m/s, and yaw rate the goal asks for."""
+        tracking = self._config.planner.tracking
+        match wing.goal:
+            case _Centre(azimuth_rad):
+                viewpoint = self._centring_viewpoint(wing, azimuth_rad, target, now_s)
+                return self._towards(pose, viewpoint, target)
+            case _Fly(viewpoint):
+                return self._towards(pose, viewpoint, target)
+            case _Trim(_, wanted):
+                setpoint = wing.tracker.update(wing.fresh_box(now_s), pose, wanted, self._dt_s)
+                return _turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
+            case None:
+                # Keep looking at the object: it bounds the drift of the believed pose.
+                bearing = target.centre[:2] - pose.position_world[:2]
+                wanted_yaw = float(np.arctan2(bearing[1], bearing[0]))
+                return np.zeros(3), yaw_rate_to(pose.yaw_rad, wanted_yaw, tracking)
+
+    def _towards(
+        self, pose: CameraPose, viewpoint: Viewpoint, target: TargetEstimate
+    ) -> tuple[Array, float]:
+        tracking = self._config.planner.tracking
+        velocity = route_velocity(
+            pose.position_world,
+            viewpoint.position_world,
+            self._obstacle(target),
+            self._config.planner,
+        )
+        _, yaw_rate = fly_to(pose, viewpoint, tracking)
+        offset = viewpoint.position_world - pose.position_world
+        if np.linalg.norm(offset[:2]) > 0.5:
+            # On the way, look at the object rather than where the viewpoint will look.
+            bearing = target.centre[:2] - pose.position_world[:2]
+            wanted_yaw = float(np.arctan2(bearing[1], bearing[0]))
+            yaw_rate = yaw_rate_to(pose.yaw_rad, wanted_yaw, tracking)
+        return velocity, yaw_rate
+
+    def _centring_viewpoint(
+        self, wing: _Wing, azimuth_rad: float, target: TargetEstimate, now_s: float
+    ) -> Viewpoint:
+        """Return where to see the object whole from: further out while it is cut off."""
+        space = self._config.planner.space
+        box = wing.fresh_box(now_s)
+        if box is not None:
+            camera = wing.drone.config.intrinsics
+            fill = float((box.size_px / np.array([camera.width, camera.height])).max())
+            if box.touches_edge or fill > _FULL_FRAME:
+                wing.radius_m += _STEP_BACK_M_S * self._dt_s
+        reach_m = space.fence_radius_m - float(np.hypot(*target.centre[:2])) - 0.2
+        wing.radius_m = min(wing.radius_m, reach_m)
+        height_m = float(target.centre[2] + wing.radius_m * np.tan(wing.tilt_rad))
+        height_m = float(np.clip(height_m, space.floor_m, space.ceiling_m))
+        return facing(target.centre, azimuth_rad, wing.radius_m, height_m)
+
+    def _obstacle(self, target: TargetEstimate) -> Box3:
+        """Return the box to keep away from: the seed's, or a guess around the object's place."""
+        if self.seed is not None:
+            return self.seed.outer
+        half = np.full(3, 0.25)
+        half[2] = max(0.25, target.height_m / 2.0)
+        return Box3(target.centre - half, target.centre + half)
+
+    def _judge(self, wing: _Wing, pose: CameraPose, others: list[CameraPose]) -> None:
+        """Hold a drone that the safety rules want held; say so once."""
+        if wing.drone.activity != "flying":
+            return
+        verdict = judge_pose(pose, others, self._config.safety)
+        drone_id = wing.drone.config.id
+        if verdict.action == "hold" and not wing.drone.held:
+            wing.drone.hold()
+        elif verdict.action == "land":
+            wing.drone.land_now()
+        if verdict.action != "none" and self._judged.get(drone_id) != verdict.reason:
+            self._judged[drone_id] = verdict.reason
+            self._events.publish(Noted("warning", f"{verdict.action}: {verdict.reason}", drone_id))
+
+    def _tell_poses(self, now_s: float) -> None:
+        for wing in self._wings.values():
+            self._events.publish(
+                PoseEstimated(
+                    wing.filter.pose(now_s), wing.drone.config.intrinsics, wing.drone.config.colour
+                )
+            )
+
+
+def _turned(velocity: Array, angle_rad: float) -> Array:
+    """Return ``velocity`` ``(3,)`` turned about +Z."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array(
+        [c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1], velocity[2]]
+    )
+
+
+def _velocity_world(wing: _Wing, pose: CameraPose) -> Array:
+    telemetry = wing.drone.telemetry
+    if telemetry is None:
+        return np.zeros(3)
+    return _turned(telemetry.velocity_m_s, pose.yaw_rad)

@@ -1,0 +1,131 @@
+"""Deciding where the pictures are taken: by the planning job, or by the ring.
+
+The optimised mode asks the worker and falls back to the paper's circular step when no plan is ready
+in time or none is possible, so that a mission never waits for its planner.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from server.jobs.plan import PlanInput, PlanResult
+from server.jobs.runner import Job, JobFailedError, LocalRunner
+from server.jobs.spec import JobSpec
+from server.mission.commands import CaptureRequest
+from server.mission.config import FlightConfig
+from server.mission.events import EventStream, Noted, PlanFound, PlanProgressed
+from server.planner.ring import ring_assignment, standard_ring
+from server.stages import Assignment, CameraPose, Placement, SeedGeometry
+from server.swarm.config import DroneConfig
+
+
+class Planning:
+    """Plans one mission."""
+
+    def __init__(
+        self,
+        request: CaptureRequest,
+        folder: Path,
+        runner: LocalRunner,
+        events: EventStream,
+        config: FlightConfig,
+    ) -> None:
+        self._request = request
+        self._folder = folder
+        self._runner = runner
+        self._events = events
+        self._config = config
+        self._job: Job | None = None
+
+    async def rounds(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> Assignment:
+        """Return who goes where in each round, and publish it.
+
+        Raises:
+            PlanError: If not even the ring fits between standoff and fence.
+        """
+        if self._request.mode == "standard":
+            return self._ring(seed, poses, camera, rounds)
+        try:
+            async with asyncio.timeout(self._config.mission.plan_timeout_s):
+                result = await self._ask_worker(seed, poses, camera, rounds)
+        except (TimeoutError, JobFailedError) as error:
+            reason = str(error) or "not ready in time"
+            self._events.publish(
+                Noted("warning", f"No plan ({reason}): the circular step is flown instead.")
+            )
+            await self.cancel()
+            return self._ring(seed, poses, camera, rounds)
+        assignment = result.assignment()
+        self._events.publish(PlanFound(result.placement(), assignment))
+        return assignment
+
+    async def cancel(self) -> None:
+        """End the worker if it runs."""
+        if self._job is not None:
+            await self._job.cancel()
+
+    async def _ask_worker(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> PlanResult:
+        wanted = PlanInput(
+            outer=(seed.outer.lower.tolist(), seed.outer.upper.tolist()),
+            boxes=[(box.lower.tolist(), box.upper.tolist()) for box in seed.boxes],
+            views=seed.views,
+            intrinsics=asdict(camera.intrinsics),
+            tilt_rad=float(np.deg2rad(camera.tilt_deg)),
+            drones={d: (*pose.position_world.tolist(), pose.yaw_rad) for d, pose in poses.items()},
+            rounds=rounds,
+            config=asdict(self._config.planner),
+        )
+        spec = JobSpec("plan", wanted.model_dump(), seed=self._request.seed, threads=1)
+        self._job = await self._runner.submit(spec, self._folder)
+        async for event in self._job.events():
+            if event["event"] == "progressed":
+                self._events.publish(
+                    PlanProgressed(
+                        event["iteration"],
+                        event["iterations"],
+                        event["temperature"],
+                        event["fitness"],
+                    )
+                )
+            elif event["event"] == "done":
+                return PlanResult.model_validate(event)
+        raise JobFailedError("the planner ended without a plan")
+
+    def _ring(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> Assignment:
+        offsets = [pose.position_world - seed.outer.centre for pose in poses.values()]
+        viewpoints = standard_ring(
+            seed.outer,
+            len(poses),
+            rounds,
+            camera.intrinsics,
+            float(np.deg2rad(camera.tilt_deg)),
+            self._config.planner,
+            [float(np.arctan2(offset[1], offset[0])) for offset in offsets],
+        )
+        assignment = ring_assignment(list(poses), viewpoints)
+        chosen = tuple(view for entry in viewpoints for view in entry)
+        self._events.publish(PlanFound(Placement(chosen, 0.0, {}, len(chosen)), assignment))
+        return assignment

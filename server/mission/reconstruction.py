@@ -1,0 +1,144 @@
+"""Follows the worker that turns a run's pictures into a field, and passes its news on.
+
+The worker starts as soon as the first pictures exist and trains on what there is; once the flight
+is complete it refines the poses, trains the field that is judged, and then the one delivered.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from typing import Any
+
+import numpy as np
+
+from server.geometry.cameras import Intrinsics
+from server.jobs.runner import Job, JobFailedError, LocalRunner
+from server.jobs.spec import JobSpec
+from server.mission.commands import CaptureRequest
+from server.mission.events import (
+    EventStream,
+    MetricsMeasured,
+    Noted,
+    PosesRefined,
+    PreviewRendered,
+    TrainingProgressed,
+)
+from server.stages import Metrics
+from server.store.atomic import write_atomic
+from server.store.runs import RunFolder
+
+# What refinement, evaluation and delivery take on two cores beside the training itself.
+_BESIDE_TRAINING_S = 75.0
+_LIVE_NICENESS = 10
+
+
+class Reconstruction:
+    """The reconstruction of one run."""
+
+    def __init__(
+        self, request: CaptureRequest, run: RunFolder, runner: LocalRunner, events: EventStream
+    ) -> None:
+        self._request = request
+        self._run = run
+        self._runner = runner
+        self._events = events
+        self._job: Job | None = None
+        self._following: asyncio.Task[dict[str, Any]] | None = None
+        self._finishing_since_s: float | None = None
+
+    def seconds_total(self) -> float:
+        """Return how long the work after the flight is expected to take."""
+        return self._request.train_seconds + _BESIDE_TRAINING_S
+
+    def seconds_left(self) -> float:
+        """Return how much of it is expected to be left."""
+        if self._finishing_since_s is None:
+            return self.seconds_total()
+        gone_s = asyncio.get_running_loop().time() - self._finishing_since_s
+        return max(1.0, self.seconds_total() - gone_s)
+
+    async def start(self) -> None:
+        """Start the worker unless it has been started."""
+        if self._following is not None:
+            return
+        parameters = {
+            "source": "flight",
+            "dataset": str(self._run.path.resolve()),
+            "train_seconds": self._request.train_seconds,
+            "test_every": 8,
+            "mode": self._request.mode,
+        }
+        spec = JobSpec(
+            "reconstruct",
+            parameters,
+            seed=self._request.seed,
+            threads=os.cpu_count() or 1,
+            niceness=_LIVE_NICENESS,
+        )
+        self._job = await self._runner.submit(spec, self._run.path / "jobs" / "reconstruct")
+        self._following = asyncio.create_task(self._follow(self._job), name="reconstruction")
+        self._following.add_done_callback(self._warn_of_failure)
+
+    async def finish(self, flight_seconds: dict[str, float]) -> None:
+        """Wait for the end and complete ``metrics.json`` with the flight's seconds.
+
+        Raises:
+            JobFailedError: If the worker failed.
+        """
+        assert self._following is not None
+        self._finishing_since_s = asyncio.get_running_loop().time()
+        result = await self._following
+        seconds = {key: round(value, 1) for key, value in flight_seconds.items()}
+        result["seconds"] = seconds | result["seconds"]
+        write_atomic(self._run.path / "metrics.json", json.dumps(result, indent=1).encode())
+
+    async def cancel(self) -> None:
+        """End the worker if it runs."""
+        if self._job is not None:
+            await self._job.cancel()
+        if self._following is not None:
+            await asyncio.wait([self._following])
+
+    def _warn_of_failure(self, task: asyncio.Task[dict[str, Any]]) -> None:
+        if task.cancelled():
+            return
+        error = task.exception()
+        if isinstance(error, JobFailedError):
+            self._events.publish(
+                Noted("error", f"The reconstruction failed ({error}); all pictures are kept.")
+            )
+
+    async def _follow(self, job: Job) -> dict[str, Any]:
+        result: dict[str, Any] = {}
+        async for event in job.events():
+            match event.pop("event"):
+                case "progressed":
+                    event.pop("at_s")
+                    self._events.publish(TrainingProgressed(**event))
+                case "preview":
+                    self._publish_preview(event)
+                case "refined":
+                    self._publish_poses(event)
+                case "metrics":
+                    self._events.publish(MetricsMeasured(Metrics(**event["metrics"])))
+                case "done":
+                    event.pop("at_s")
+                    result = event
+        return result
+
+    def _publish_preview(self, event: dict[str, Any]) -> None:
+        self._events.publish(
+            PreviewRendered(
+                (self._run.path / event["file"]).read_bytes(),
+                np.array(event["T_world_cam"]),
+                Intrinsics(**event["intrinsics"]),
+            )
+        )
+
+    def _publish_poses(self, event: dict[str, Any]) -> None:
+        refined = np.array(event["refined"], bool)
+        self._events.publish(PosesRefined(np.array(event["T_world_cam"]), refined))
+        level = "info" if refined.all() else "warning"
+        self._events.publish(Noted(level, event["message"]))

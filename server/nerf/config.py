@@ -1,0 +1,163 @@
+"""Settings of the field and of its training.
+
+Lengths called *scene units* are measured in the scene cube of ``server.nerf.space``: the object's
+cube is ``[-1, 1]^3``, everything outside it is contracted into ``[-2, 2]^3``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+def _require(condition: bool, field: str, wish: str) -> None:
+    if not condition:
+        raise ValueError(f"{field} must be {wish}")
+
+
+@dataclass(frozen=True, slots=True)
+class FieldConfig:
+    """Shape of the field (Mueller et al., "Instant Neural Graphics Primitives", 2022, section 3).
+
+    Attributes:
+        levels: L, number of grid levels.
+        log2_table_size: log2 of T, the most entries one level has.
+        features: F, numbers per entry.
+        coarsest: N_min, cells per axis of the coarsest level over the whole scene cube.
+        finest: N_max, cells per axis of the finest level over the whole scene cube.
+        density_width: Hidden units of the density MLP.
+        geometry_features: Outputs of the density MLP; the first is the log density.
+        colour_width: Hidden units of both hidden layers of the colour MLP.
+        sh_degree: Bands of spherical harmonics of the view direction, 1 to 4.
+        log_density_bias: Added to the log density, so that an untrained field is thin.
+        log_density_max: Upper limit of the log density.
+
+    Raises:
+        ValueError: If a value is out of range; the message names it.
+    """
+
+    levels: int = 8
+    log2_table_size: int = 17
+    features: int = 4
+    coarsest: int = 16
+    finest: int = 1024
+    density_width: int = 32
+    geometry_features: int = 16
+    colour_width: int = 32
+    sh_degree: int = 3
+    log_density_bias: float = -2.0
+    log_density_max: float = 9.0
+
+    def __post_init__(self) -> None:
+        _require(1 <= self.levels <= 16, "levels", "1 to 16")
+        _require(8 <= self.log2_table_size <= 22, "log2_table_size", "8 to 22")
+        _require(1 <= self.features <= 8, "features", "1 to 8")
+        _require(2 <= self.coarsest <= self.finest, "coarsest", "at least 2 and at most finest")
+        _require(self.finest <= 8192, "finest", "at most 8192")
+        _require(8 <= self.density_width <= 128, "density_width", "8 to 128")
+        _require(2 <= self.geometry_features <= 64, "geometry_features", "2 to 64")
+        _require(8 <= self.colour_width <= 128, "colour_width", "8 to 128")
+        _require(1 <= self.sh_degree <= 4, "sh_degree", "1 to 4")
+        _require(math.isfinite(self.log_density_bias), "log_density_bias", "finite")
+        _require(0.0 < self.log_density_max <= 15.0, "log_density_max", "in (0, 15]")
+
+    @property
+    def encoding_width(self) -> int:
+        """L F, the number of encoded features of a point."""
+        return self.levels * self.features
+
+    @property
+    def colour_inputs(self) -> int:
+        """Inputs of the colour MLP: geometry features and spherical harmonics."""
+        return self.geometry_features + self.sh_degree**2
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """How the field is trained.
+
+    Attributes:
+        samples_per_step: Points with gradient wanted per step; the number of rays follows.
+        rays_min: Fewest rays per step.
+        rays_max: Most rays per step.
+        step_length: Marching step at the object, scene units; it grows with the distance.
+        near_fraction: Rays start at this share of the median camera distance from the object.
+        learning_rate: Adam's step for table and MLPs after the warm-up.
+        learning_rate_end: Share of ``learning_rate`` left at the end.
+        warm_up_steps: Steps over which the learning rate rises from zero.
+        huber_delta: Colour error (0 to 1) beyond which the loss is linear.
+        background_noise: Colour behind everything while training: 0 is the pictures' mean colour, 1
+            random; noise makes the field opaque, too much of it makes it foggy.
+        trust_distance: Gradients of samples nearer to the camera than this share of the median
+            camera distance shrink with the square of their distance (Philip and Deschaintre,
+            "Floaters No More", 2023); 0 turns that off.
+        distortion_weight: Weight of the distortion loss (mip-NeRF 360, equation 15).
+        mlp_weight_decay: L2 decay per step of the MLPs, share of the learning rate.
+        window_start: Levels open at the start, out of L (coarse to fine).
+        window_until: Share of the training after which every level is open.
+        exposure_rate: Adam's step of the per-picture log gains, 0 turns them off.
+        exposure_decay: Pull of the log gains towards 0 per step, share.
+        object_share: Share of rays drawn inside object masks, where there are masks.
+        cut_transmittance: A training ray ends when less light than this is left.
+        occupancy_cells: Cells per axis of the occupancy grid over the whole scene cube.
+        occupancy_every: Steps between two refreshes of the grid.
+        occupancy_warm_up: Steps before empty space is skipped.
+        occupancy_threshold: Opacity of one step below which a cell counts as empty.
+
+    Raises:
+        ValueError: If a value is out of range; the message names it.
+    """
+
+    samples_per_step: int = 65536
+    rays_min: int = 128
+    rays_max: int = 16384
+    step_length: float = 1.0 / 64.0
+    near_fraction: float = 0.2
+    learning_rate: float = 1e-2
+    learning_rate_end: float = 0.03
+    warm_up_steps: int = 20
+    huber_delta: float = 0.1
+    background_noise: float = 0.0
+    trust_distance: float = 0.8
+    distortion_weight: float = 0.003
+    mlp_weight_decay: float = 1e-4
+    window_start: float = 3.0
+    window_until: float = 0.3
+    exposure_rate: float = 1e-3
+    exposure_decay: float = 1e-2
+    object_share: float = 0.25
+    cut_transmittance: float = 1e-3
+    occupancy_cells: int = 128
+    occupancy_every: int = 16
+    occupancy_warm_up: int = 32
+    occupancy_threshold: float = 0.01
+
+    def __post_init__(self) -> None:
+        for name in (
+            "samples_per_step",
+            "rays_min",
+            "warm_up_steps",
+            "occupancy_every",
+            "occupancy_warm_up",
+        ):
+            _require(getattr(self, name) >= 1, name, "at least 1")
+        for name in ("step_length", "learning_rate", "huber_delta", "window_start"):
+            value = getattr(self, name)
+            _require(math.isfinite(value) and value > 0.0, name, "positive")
+        for name in (
+            "near_fraction",
+            "learning_rate_end",
+            "window_until",
+            "object_share",
+            "cut_transmittance",
+            "occupancy_threshold",
+            "background_noise",
+            "mlp_weight_decay",
+            "exposure_decay",
+        ):
+            _require(0.0 <= getattr(self, name) <= 1.0, name, "in [0, 1]")
+        for name in ("distortion_weight", "exposure_rate", "trust_distance"):
+            _require(0.0 <= getattr(self, name) < math.inf, name, "zero or more")
+        _require(self.rays_max >= self.rays_min, "rays_max", "at least rays_min")
+        _require(1.0 / 512.0 <= self.step_length <= 0.25, "step_length", "in [1/512, 1/4]")
+        _require(8 <= self.occupancy_cells <= 256, "occupancy_cells", "8 to 256")

@@ -1,0 +1,293 @@
+"""Posed pictures on disk: ``transforms.json`` as instant-ngp and nerfstudio write and read it.
+
+On disk a pose is an OpenGL camera-to-world matrix and pixel centres are at half-integers; in memory
+a pose is OpenCV ``T_world_cam`` and pixel centres are integers (``server.geometry``). Lens
+distortion is honoured ray by ray: pictures are never resampled for it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.axes import opencv_from_opengl, opengl_from_opencv
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+
+Array = NDArray[np.float64]
+
+# Number of distortion numbers each accepted model has; the rest of the five are zero.
+_MODELS = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"}
+_SUFFIXES = ("", ".png", ".jpg", ".jpeg")
+_TRANSFORMS = "transforms.json"
+
+
+class DatasetError(ValueError):
+    """A folder cannot be used as a dataset; the message says why in one line."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dataset:
+    """Posed pictures, in file order.
+
+    Attributes:
+        folder: Where they came from.
+        files: Picture files, n of them.
+        images: One ``(h, w, 3)`` uint8 RGB picture each, at training size.
+        masks: One ``(h, w)`` bool mask each, True on the object, or None where there is none.
+        intrinsics: One camera each, of the picture at training size, with its distortion.
+        T_world_cam: ``(n, 4, 4)`` OpenCV camera to world, metres.
+        object_box: Box around the object, world metres, or None when unknown.
+    """
+
+    folder: Path
+    files: tuple[Path, ...]
+    images: tuple[NDArray[np.uint8], ...]
+    masks: tuple[NDArray[np.bool_] | None, ...]
+    intrinsics: tuple[Intrinsics, ...]
+    T_world_cam: Array
+    object_box: Box3 | None
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedFile:
+    """One picture to be written into ``transforms.json``.
+
+    Attributes:
+        file: Picture, relative to the dataset's folder.
+        T_world_cam: ``(4, 4)`` OpenCV camera to world, metres.
+        mask_file: Mask picture (white is object), relative to the folder, or None.
+    """
+
+    file: str
+    T_world_cam: Array
+    mask_file: str | None = None
+
+
+def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 960) -> Dataset:
+    """Read ``folder/transforms.json`` and its pictures.
+
+    Args:
+        folder: Dataset folder.
+        downscale: Divide picture sizes by this whole number; None makes the long side fit
+            ``max_side``.
+        max_side: Longest side wanted when ``downscale`` is None, pixels.
+
+    Raises:
+        DatasetError: If anything needed is missing, unreadable or makes no sense.
+    """
+    if downscale is not None and downscale < 1:
+        raise DatasetError(f"downscale must be at least 1, not {downscale}")
+    description = _read_description(folder)
+    frames = description.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise DatasetError(f"{folder / _TRANSFORMS} lists no frames")
+    if len(frames) < 2:
+        raise DatasetError(f"{folder / _TRANSFORMS} lists one picture only; at least two are needed")
+    files = _find_files(folder, frames)
+    poses = np.stack([_read_pose(frame, file) for frame, file in zip(frames, files, strict=True)])
+    images, masks, cameras = [], [], []
+    for frame, file in zip(frames, files, strict=True):
+        image, mask = _read_picture(folder, frame, file)
+        camera = _read_intrinsics({**description, **frame}, image.shape[1], image.shape[0], file)
+        factor = 1.0 / downscale if downscale else min(1.0, max_side / max(image.shape[:2]))
+        camera = camera.scaled(factor) if factor < 1.0 else camera
+        size = (camera.width, camera.height)
+        if factor < 1.0:
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        if mask is not None and mask.shape != image.shape[:2]:
+            mask = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
+        images.append(np.ascontiguousarray(image))
+        masks.append(None if mask is None else mask > 127)
+        cameras.append(camera)
+    return Dataset(
+        folder, tuple(files), tuple(images), tuple(masks), tuple(cameras), poses, _read_box(description)
+    )
+
+
+def write_transforms(
+    folder: Path,
+    pictures: Sequence[PosedFile],
+    intrinsics: Intrinsics,
+    object_box: Box3 | None,
+) -> Path:
+    """Write ``folder/transforms.json`` so that it is complete or untouched, never half.
+
+    Args:
+        folder: Dataset folder, which exists.
+        pictures: Pictures in the order they shall have.
+        intrinsics: Camera of all of them.
+        object_box: Box around the object, world metres, or None.
+
+    Returns:
+        Path of the file.
+    """
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    frames: list[dict[str, Any]] = []
+    for picture in pictures:
+        frame: dict[str, Any] = {
+            "file_path": picture.file,
+            "transform_matrix": opengl_from_opencv(picture.T_world_cam).tolist(),
+        }
+        if picture.mask_file is not None:
+            frame["mask_path"] = picture.mask_file
+        frames.append(frame)
+    description: dict[str, Any] = {
+        "camera_model": "OPENCV",
+        "w": intrinsics.width,
+        "h": intrinsics.height,
+        "fl_x": intrinsics.fx,
+        "fl_y": intrinsics.fy,
+        "cx": intrinsics.cx + 0.5,
+        "cy": intrinsics.cy + 0.5,
+        "k1": k1,
+        "k2": k2,
+        "p1": p1,
+        "p2": p2,
+        "k3": k3,
+        "camera_angle_x": 2.0 * float(np.arctan(intrinsics.width / (2.0 * intrinsics.fx))),
+        "camera_angle_y": intrinsics.vertical_fov_rad,
+        "aabb_scale": 8,
+        "frames": frames,
+    }
+    if object_box is not None:
+        description["object_box"] = [object_box.lower.tolist(), object_box.upper.tolist()]
+    target = folder / _TRANSFORMS
+    draft = folder / (_TRANSFORMS + ".part")
+    with draft.open("w", encoding="utf-8") as stream:
+        json.dump(description, stream, indent=1)
+        stream.flush()
+        os.fsync(stream.fileno())
+    draft.replace(target)
+    return target
+
+
+def _read_description(folder: Path) -> dict[str, Any]:
+    path = folder / _TRANSFORMS
+    if not path.is_file():
+        raise DatasetError(f"{folder} has no {_TRANSFORMS}")
+    try:
+        description = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise DatasetError(f"{path} is not readable JSON: {error}") from error
+    if not isinstance(description, dict):
+        raise DatasetError(f"{path} is not a JSON object")
+    return description
+
+
+def _find_files(folder: Path, frames: Sequence[Any]) -> list[Path]:
+    files: list[Path] = []
+    missing: list[str] = []
+    for number, frame in enumerate(frames):
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise DatasetError(f"frame {number} of {folder / _TRANSFORMS} has no file_path")
+        name = frame["file_path"]
+        found = [folder / (name + s) for s in _SUFFIXES if (folder / (name + s)).is_file()]
+        files.extend(found[:1])
+        missing.extend([] if found else [name])
+    if missing:
+        raise DatasetError(f"{len(missing)} of {len(frames)} pictures are missing, first {missing[0]}")
+    return files
+
+
+def _read_pose(frame: Mapping[str, Any], file: Path) -> Array:
+    try:
+        T = np.array(frame["transform_matrix"], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise DatasetError(f"pose of {file.name} is missing or not a matrix") from error
+    if T.shape == (3, 4):
+        T = np.vstack([T, [0.0, 0.0, 0.0, 1.0]])
+    if T.shape != (4, 4):
+        raise DatasetError(f"pose of {file.name} is not 4x4 but {T.shape}")
+    if not np.isfinite(T).all():
+        raise DatasetError(f"pose of {file.name} has values that are not finite")
+    U, singular, Vt = np.linalg.svd(T[:3, :3])
+    if singular[2] < 1e-6 or singular[0] > 1.05 * singular[2] or np.linalg.det(T[:3, :3]) <= 0:
+        raise DatasetError(f"pose of {file.name} is singular: its rotation is no rotation")
+    T[:3, :3] = U @ Vt
+    T[3] = [0.0, 0.0, 0.0, 1.0]
+    return opencv_from_opengl(T)
+
+
+def _read_picture(
+    folder: Path, frame: Mapping[str, Any], file: Path
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Return RGB picture and mask; transparency is laid on white and, alone, is the mask."""
+    raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if raw is None:
+        raise DatasetError(f"picture {file} cannot be read")
+    if raw.dtype != np.uint8:
+        raw = (raw / (np.iinfo(raw.dtype).max / 255.0)).astype(np.uint8)
+    mask = None
+    if raw.ndim == 2:
+        image = np.repeat(raw[:, :, None], 3, axis=2)
+    elif raw.shape[2] == 4:
+        mask = raw[:, :, 3]
+        alpha = mask[:, :, None] / 255.0
+        image = np.round(raw[:, :, 2::-1] * alpha + 255.0 * (1.0 - alpha)).astype(np.uint8)
+    else:
+        image = raw[:, :, 2::-1]
+    if frame.get("mask_path"):
+        mask = cv2.imread(str(folder / str(frame["mask_path"])), cv2.IMREAD_GRAYSCALE)
+        if mask is None:
+            raise DatasetError(f"mask {frame['mask_path']} of {file.name} cannot be read")
+    return image, None if mask is None else np.asarray(mask, np.uint8)
+
+
+def _read_intrinsics(values: Mapping[str, Any], width: int, height: int, file: Path) -> Intrinsics:
+    """Return the camera of a ``width`` x ``height`` picture from a frame's merged description."""
+    model = values.get("camera_model", "OPENCV")
+    if model not in _MODELS or values.get("is_fisheye") or values.get("k4"):
+        name = "a fisheye or higher-order model" if model in _MODELS else model
+        raise DatasetError(f"camera model of {file.name} is unknown: {name}")
+    try:
+        w, h = float(values.get("w", width)), float(values.get("h", height))
+        if "fl_x" in values:
+            fx = float(values["fl_x"])
+        elif "camera_angle_x" in values:
+            fx = 0.5 * w / float(np.tan(0.5 * float(values["camera_angle_x"])))
+        else:
+            raise DatasetError(f"{file.name} has neither fl_x nor camera_angle_x")
+        if "fl_y" in values:
+            fy = float(values["fl_y"])
+        else:
+            fy = fx
+        cx, cy = float(values.get("cx", w / 2.0)), float(values.get("cy", h / 2.0))
+        names = () if model.endswith("PINHOLE") else ("k1", "k2", "p1", "p2", "k3")
+        k1, k2, p1, p2, k3 = (
+            float(values.get(name, 0.0)) if name in names else 0.0
+            for name in ("k1", "k2", "p1", "p2", "k3")
+        )
+    except (TypeError, ValueError) as error:
+        if isinstance(error, DatasetError):
+            raise
+        raise DatasetError(f"intrinsics of {file.name} are not numbers: {error}") from error
+    numbers = np.array([w, h, fx, fy, cx, cy, k1, k2, p1, p2, k3])
+    if not np.isfinite(numbers).all() or min(w, h, fx, fy) <= 0.0:
+        raise DatasetError(f"intrinsics of {file.name} are not positive and finite")
+    # The file may describe the picture before somebody resized it.
+    sx, sy = width / w, height / h
+    return Intrinsics(
+        width, height, fx * sx, fy * sy, cx * sx - 0.5, cy * sy - 0.5, (k1, k2, p1, p2, k3)
+    )
+
+
+def _read_box(description: Mapping[str, Any]) -> Box3 | None:
+    if description.get("object_box") is None:
+        return None
+    try:
+        lower, upper = np.array(description["object_box"], dtype=float).reshape(2, 3)
+        return Box3(lower, upper)
+    except (TypeError, ValueError) as error:
+        raise DatasetError(f"object_box is not two corners: {error}") from error

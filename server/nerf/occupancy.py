@@ -1,0 +1,122 @@
+"""Which cells of the scene cube are worth a sample.
+
+The grid lies over ``u`` in ``[0, 1]^3`` (``server.nerf.space``). It only proposes samples: where a
+ray ends is always decided by densities of the field itself, because a grid remembers maxima of the
+past and rays cut by it never correct it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.nerf.config import TrainConfig
+from server.nerf.dataset import Dataset
+from server.nerf.space import SceneSpace, expand
+
+Densities = Callable[[NDArray[np.float32]], NDArray[np.float32]]
+
+# Cells evaluated at once in a full sweep, to bound memory.
+_BLOCK = 1 << 17
+# Share of a cell's remembered density that survives a refresh.
+_DECAY = 0.8
+# A refresh looks at one in this many of the seen cells.
+_REFRESH_SHARE = 16
+# Cells nearer to a camera than this share of the usual distance need a second camera.
+_NEAR_SHARE = 0.5
+
+
+class OccupancyGrid:
+    """Cells that cameras see and where the field was found to be dense.
+
+    Attributes:
+        occupied: bool ``(cells, cells, cells)``; march through True cells only.
+        ready: False until the first sweep; before it every seen cell counts as occupied.
+
+    Args:
+        config: Grid size and threshold.
+        dataset: Cameras and masks.
+        indices: Training pictures.
+        space: Scene space.
+    """
+
+    def __init__(
+        self, config: TrainConfig, dataset: Dataset, indices: Sequence[int], space: SceneSpace
+    ) -> None:
+        self._cells = config.occupancy_cells
+        self._threshold = config.occupancy_threshold / config.step_length
+        seen = _seen_cells(max(self._cells // 2, 8), dataset, indices, space)
+        scale = -(-self._cells // len(seen))
+        for axis in range(3):
+            seen = np.repeat(seen, scale, axis=axis)
+        seen = np.ascontiguousarray(seen[: self._cells, : self._cells, : self._cells])
+        self._seen = np.flatnonzero(seen)
+        self._memory = np.zeros(self._cells**3, np.float32)
+        self.occupied = seen
+        self.ready = False
+
+    def refresh(self, densities: Densities, rng: np.random.Generator) -> None:
+        """Look at the field: at every seen cell the first time, then at some of them."""
+        if self.ready:
+            cells = rng.choice(self._seen, max(len(self._seen) // _REFRESH_SHARE, 1))
+        else:
+            cells = self._seen
+        for start in range(0, len(cells), _BLOCK):
+            part = cells[start : start + _BLOCK]
+            found = densities(self._points_in(part, rng))
+            self._memory[part] = np.maximum(self._memory[part] * _DECAY, found)
+        self.ready = True
+        threshold = min(self._threshold, float(self._memory[self._seen].mean()))
+        self.occupied = (self._memory > threshold).reshape((self._cells,) * 3)
+
+    def _points_in(
+        self, cells: NDArray[np.int64], rng: np.random.Generator
+    ) -> NDArray[np.float32]:
+        """Return one random point ``u`` ``(n, 3)`` in each of ``cells``."""
+        corner = np.stack(np.unravel_index(cells, (self._cells,) * 3), axis=1)
+        return ((corner + rng.random(corner.shape)) / self._cells).astype(np.float32)
+
+    def state(self) -> dict[str, NDArray[np.float32] | NDArray[np.bool_]]:
+        """Return the arrays a checkpoint needs."""
+        return {"memory": self._memory, "occupied": self.occupied}
+
+    def restore(self, memory: NDArray[np.float32], occupied: NDArray[np.bool_]) -> None:
+        """Take over the arrays of a checkpoint."""
+        self._memory = np.array(memory, np.float32)
+        self.occupied = np.array(occupied, bool)
+        self.ready = True
+
+
+def _seen_cells(
+    cells: int, dataset: Dataset, indices: Sequence[int], space: SceneSpace
+) -> NDArray[np.bool_]:
+    """Return ``(cells, cells, cells)``: may this cell hold anything?
+
+    A cell that no camera sees holds nothing to learn. One seen by a single camera right in front
+    of its lens could hold anything that explains the picture, so it is closed.
+    """
+    axis = (np.arange(cells) + 0.5) / cells
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = expand(grid).astype(np.float32)
+    centres = space.to_scene(dataset.T_world_cam[list(indices), :3, 3])
+    usual = float(np.median(np.linalg.norm(centres, axis=1)))
+    views = np.zeros(len(points), np.int16)
+    nearest = np.full(len(points), np.inf, np.float32)
+    for centre, index in zip(centres, indices, strict=True):
+        camera = dataset.intrinsics[index]
+        R = dataset.T_world_cam[index, :3, :3].astype(np.float32)
+        in_camera = (points - centre.astype(np.float32)) @ R
+        depth = np.maximum(in_camera[:, 2], 1e-6)
+        # One cell of slack around the picture, as only centres are tested.
+        slack = 1.0 + 8.0 / cells
+        inside = (
+            (in_camera[:, 2] > 0.0)
+            & (np.abs(in_camera[:, 0]) / depth < slack * camera.width / (2.0 * camera.fx))
+            & (np.abs(in_camera[:, 1]) / depth < slack * camera.height / (2.0 * camera.fy))
+        )
+        views += inside
+        nearest = np.where(inside, np.minimum(nearest, np.linalg.norm(in_camera, axis=1)), nearest)
+    keep = (views >= 2) | ((views == 1) & (nearest > _NEAR_SHARE * usual))
+    return keep.reshape(cells, cells, cells)

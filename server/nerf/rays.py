@@ -1,0 +1,110 @@
+"""Rays of pictures in scene units: every pixel of a camera, or random training pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.cameras import Intrinsics
+from server.nerf.dataset import Dataset
+from server.nerf.space import SceneSpace
+
+Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayBatch:
+    """Rays with the pixels they shall show.
+
+    Attributes:
+        pictures: Picture ``(rays,)`` each ray belongs to.
+        origins: ``(rays, 3)`` scene units.
+        directions: ``(rays, 3)`` unit.
+        targets: ``(rays, 3)`` RGB in [0, 1].
+    """
+
+    pictures: NDArray[np.int64]
+    origins: FloatArray
+    directions: FloatArray
+    targets: FloatArray
+
+
+def directions_in_camera(camera: Intrinsics) -> FloatArray:
+    """Return unit directions ``(h w, 3)`` of all pixels, row by row, in the camera frame."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    return camera.directions(pixels).astype(np.float32)
+
+
+def camera_rays(
+    camera: Intrinsics, T_world_cam: Array, space: SceneSpace
+) -> tuple[FloatArray, FloatArray]:
+    """Return origins and unit directions ``(h w, 3)`` in scene units of all pixels of a camera."""
+    directions = directions_in_camera(camera) @ T_world_cam[:3, :3].T.astype(np.float32)
+    origin = space.to_scene(T_world_cam[:3, 3]).astype(np.float32)
+    return np.ascontiguousarray(np.broadcast_to(origin, directions.shape)), directions
+
+
+class PixelSource:
+    """Draws random pixels of the training pictures.
+
+    Args:
+        dataset: Pictures.
+        indices: Which of them are for training.
+        space: Scene space.
+        object_share: Share of the pixels drawn inside object masks, where there are masks.
+
+    Raises:
+        ValueError: If ``indices`` is empty.
+    """
+
+    def __init__(
+        self, dataset: Dataset, indices: Sequence[int], space: SceneSpace, object_share: float
+    ) -> None:
+        if not indices:
+            raise ValueError("no picture is left for training")
+        self._indices = np.array(indices, np.int64)
+        self._images = [dataset.images[i].reshape(-1, 3) for i in indices]
+        self._sizes = np.array([len(image) for image in self._images])
+        tables: dict[Intrinsics, FloatArray] = {}
+        for camera in (dataset.intrinsics[i] for i in indices):
+            if camera not in tables:
+                tables[camera] = directions_in_camera(camera)
+        self._directions = [tables[dataset.intrinsics[i]] for i in indices]
+        poses = dataset.T_world_cam[self._indices]
+        self._R_world_cam = poses[:, :3, :3].astype(np.float32)
+        self._origins = space.to_scene(poses[:, :3, 3]).astype(np.float32)
+        self._objects = [
+            None if (mask := dataset.masks[i]) is None else np.flatnonzero(mask) for i in indices
+        ]
+        self._object_share = object_share
+
+    def draw(self, rays: int, rng: np.random.Generator) -> RayBatch:
+        """Return ``rays`` random training pixels, spread evenly over the pictures."""
+        which = np.sort(rng.integers(0, len(self._images), rays))
+        spot, lure = rng.random(rays), rng.random(rays) < self._object_share
+        directions = np.empty((rays, 3), np.float32)
+        targets = np.empty((rays, 3), np.float32)
+        bounds = np.searchsorted(which, np.arange(len(self._images) + 1))
+        for k, (image, table) in enumerate(zip(self._images, self._directions, strict=True)):
+            rows = slice(bounds[k], bounds[k + 1])
+            pixels = (spot[rows] * self._sizes[k]).astype(np.int64)
+            inside = self._objects[k]
+            if inside is not None and len(inside):
+                on_object = inside[(spot[rows] * len(inside)).astype(np.int64)]
+                pixels = np.where(lure[rows], on_object, pixels)
+            directions[rows] = table[pixels] @ self._R_world_cam[k].T
+            targets[rows] = image[pixels]
+        targets *= np.float32(1.0 / 255.0)
+        return RayBatch(self._indices[which], self._origins[which], directions, targets)
+
+    @property
+    def mean_colour(self) -> FloatArray:
+        """Mean RGB ``(3,)`` of the training pictures in [0, 1]."""
+        return np.mean([image[::97].mean(axis=0) for image in self._images], axis=0).astype(
+            np.float32
+        ) / np.float32(255.0)

@@ -1,0 +1,429 @@
+"""Training of the field: one object that steps, renders, judges itself, and is saved."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import numba
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from server.geometry.cameras import Intrinsics
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import Dataset
+from server.nerf.exposure import ExposureGains
+from server.nerf.field import initial_parameters, spherical_harmonics
+from server.nerf.kernels.cpu_rays import composite
+from server.nerf.metrics import PictureScore, mean_metrics, score_picture
+from server.nerf.numba_backend import NumbaBackend
+from server.nerf.occupancy import OccupancyGrid
+from server.nerf.optimiser import Adam
+from server.nerf.rays import PixelSource, camera_rays
+from server.nerf.rendering import Rendering, SampledRays
+from server.nerf.sampling import Backend, Samples, sample_rays
+from server.nerf.space import SceneSpace, scene_space
+from server.nerf.torch_backend import TorchBackend
+from server.stages import Metrics
+
+Array = NDArray[np.float64]
+FloatArray = NDArray[np.float32]
+
+# Rays rendered at once; their samples fit the second-level cache.
+_RENDER_RAYS = 8192
+# Pixels beyond this share of the light are not worth a colour in a rendering.
+_RENDER_TRANSMITTANCE = 1e-3
+_RENDER_LEAST_WEIGHT = 1e-3
+# Once hurried, the remaining schedule passes this many times as fast.
+_HURRY_FACTOR = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class StepReport:
+    """What one training step did.
+
+    Attributes:
+        step: Steps taken so far, this one included.
+        loss: Training loss.
+        psnr_db: PSNR of the batch's pixels.
+        samples: Points that passed encoding and both MLPs with gradient.
+    """
+
+    step: int
+    loss: float
+    psnr_db: float
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """How well pictures are reproduced.
+
+    Attributes:
+        metrics: Means.
+        pictures: One score per picture.
+    """
+
+    metrics: Metrics
+    pictures: tuple[PictureScore, ...]
+
+
+def never() -> bool:
+    """Return False: neither stop nor hurry."""
+    return False
+
+
+class Trainer:
+    """Trains one field on one dataset.
+
+    Equal dataset, configs, seed, threads and number of steps give the same field; training by
+    seconds depends on the machine.
+
+    Attributes:
+        dataset: Pictures and cameras.
+        space: Where the object's cube lies in the world.
+
+    Args:
+        dataset: Posed pictures.
+        field: Shape of the field.
+        train: How to train.
+        held_out: Pictures training must not see.
+        backend: ``numba``, or ``torch`` for the slow definition.
+        seed: Of every random choice.
+        threads: Cores to use; also the number of gradient tables.
+
+    Raises:
+        ValueError: If no picture is left for training or ``threads`` is below 1.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        field: FieldConfig,
+        train: TrainConfig,
+        *,
+        held_out: Sequence[int],
+        backend: Literal["numba", "torch"] = "numba",
+        seed: int = 0,
+        threads: int = 1,
+    ) -> None:
+        if threads < 1:
+            raise ValueError("threads must be at least 1")
+        self.dataset = dataset
+        self.space: SceneSpace = scene_space(dataset)
+        self._field, self._train = field, train
+        self._chunks = threads
+        self.use_threads(threads)
+        self._rng = np.random.default_rng(seed)
+        self._parameters = initial_parameters(field, seed)
+        self._adam = Adam(self._parameters, train)
+        self._exposure = ExposureGains(len(dataset), train)
+        self._backend: Backend
+        if backend == "numba":
+            self._backend = NumbaBackend(field, self._parameters, len(dataset), threads)
+        else:
+            self._backend = TorchBackend(field, self._parameters, len(dataset))
+        self._step = 0
+        self._samples = 0
+        self._seconds = 0.0
+        self._progress = 0.0
+        self._rays = train.rays_min
+        hidden = set(held_out)
+        self.use_pictures([i for i in range(len(dataset)) if i not in hidden])
+
+    @property
+    def samples_per_s(self) -> float:
+        """Points through encoding and both MLPs with gradient, per second of training."""
+        return self._samples / self._seconds if self._seconds > 0.0 else 0.0
+
+    @property
+    def steps(self) -> int:
+        """Steps taken so far."""
+        return self._step
+
+    def use_threads(self, threads: int) -> None:
+        """Compute on ``threads`` cores from now on; results do not depend on it."""
+        numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))
+        torch.set_num_threads(max(1, threads))
+
+    def use_pictures(self, indices: Sequence[int]) -> None:
+        """Train on the pictures ``indices`` from now on.
+
+        Raises:
+            ValueError: If ``indices`` is empty.
+        """
+        self._indices = np.array(sorted(indices), np.int64)
+        self._source = PixelSource(
+            self.dataset, self._indices.tolist(), self.space, self._train.object_share
+        )
+        self._background = self._source.mean_colour
+        self._occupancy = OccupancyGrid(
+            self._train, self.dataset, self._indices.tolist(), self.space
+        )
+        centres = self.space.to_scene(self.dataset.T_world_cam[self._indices, :3, 3])
+        self._usual_distance = float(np.median(np.linalg.norm(centres, axis=1)))
+        self._near = self._train.near_fraction * self._usual_distance
+        if self._step > 0:
+            self._occupancy.refresh(self._densities, self._rng)
+
+    def step(self) -> StepReport:
+        """Take one training step."""
+        began = time.monotonic()
+        batch = self._source.draw(self._rays, self._rng)
+        open_levels = self._open_levels()
+        samples = sample_rays(
+            self._backend,
+            self._occupancy.occupied,
+            batch.origins,
+            batch.directions,
+            self._rng.random(self._rays, dtype=np.float32),
+            near=self._near,
+            step=self._train.step_length,
+            open_levels=open_levels,
+            transmittance=self._train.cut_transmittance,
+            least_weight=0.0,
+            chunks=self._chunks,
+        )
+        loss, square = 0.0, 1.0
+        if len(samples.points):
+            rays = SampledRays(
+                starts=samples.starts,
+                points=samples.points,
+                ss=samples.ss,
+                ray_ids=samples.ray_ids,
+                trusts=self._trusts(samples.ts),
+                step=self._train.step_length,
+                harmonics=spherical_harmonics(batch.directions, self._field.sh_degree),
+                backdrops=self._backdrops(),
+                targets=batch.targets,
+                pictures=batch.pictures,
+            )
+            loss, square = self._backend.gradients(
+                rays, self._exposure.gains, self._train, open_levels
+            )
+            self._adam.step(self._backend.grads, self._progress)
+            self._exposure.step(self._backend.gain_grads, self._indices)
+        self._step += 1
+        self._adapt(len(samples.points))
+        self._seconds += time.monotonic() - began
+        self._samples += len(samples.points)
+        return StepReport(
+            self._step, loss, -10.0 * float(np.log10(max(square, 1e-10))), len(samples.points)
+        )
+
+    def run(
+        self,
+        seconds: float | None = None,
+        steps: int | None = None,
+        on_progress: Callable[[StepReport], None] | None = None,
+        should_stop: Callable[[], bool] = never,
+        hurry: Callable[[], bool] = never,
+        progress_from: float = 0.0,
+    ) -> StepReport | None:
+        """Train for ``seconds`` or ``steps``, whichever is given and ends first.
+
+        The learning rate and the level window follow the share of the time or steps that has
+        passed, so a run always ends with a settled field.
+
+        Args:
+            seconds: Wall seconds, including those spent in ``on_progress``.
+            steps: Steps.
+            on_progress: Called after every step.
+            should_stop: Asked before every step; True ends the run as it is.
+            hurry: Asked before every step; once True, the rest of the schedule passes five times
+                as fast: a quick but proper end.
+            progress_from: Share of the schedule taken as done, for a field that goes on.
+
+        Returns:
+            The last step's report, None when no step was taken.
+
+        Raises:
+            ValueError: If neither ``seconds`` nor ``steps`` is given.
+        """
+        if seconds is None and steps is None:
+            raise ValueError("run needs seconds or steps")
+        report: StepReport | None = None
+        began, first_step = time.monotonic(), self._step
+        done, last, speed = 0.0, 0.0, 1.0
+        while True:
+            now = 0.0
+            if seconds is not None:
+                now = (time.monotonic() - began) / max(seconds, 1e-9)
+            if steps is not None:
+                now = max(now, (self._step - first_step) / max(steps, 1))
+            if speed == 1.0 and hurry():
+                speed = _HURRY_FACTOR
+            done, last = done + speed * (now - last), now
+            if done >= 1.0 or should_stop():
+                return report
+            self._progress = progress_from + (1.0 - progress_from) * done
+            report = self.step()
+            if on_progress is not None:
+                on_progress(report)
+
+    def render(self, intrinsics: Intrinsics, T_world_cam: Array) -> Rendering:
+        """Render the field from a camera; its distortion is applied as in the pictures."""
+        origins, directions = camera_rays(intrinsics, T_world_cam, self.space)
+        rays = len(origins)
+        rgb = np.empty((rays, 3), np.float32)
+        depth, opacity = np.empty(rays, np.float32), np.empty(rays, np.float32)
+        for start in range(0, rays, _RENDER_RAYS):
+            part = slice(start, min(start + _RENDER_RAYS, rays))
+            samples = self._visible_samples(origins[part], directions[part])
+            harmonics = spherical_harmonics(directions[part], self._field.sh_degree)
+            sigmas, colours = self._shade(samples, harmonics)
+            composite(
+                samples.starts, sigmas, colours, samples.ts, np.float32(self._train.step_length),
+                self._background, rgb[part], depth[part], opacity[part],
+            )  # fmt: skip
+        shape = (intrinsics.height, intrinsics.width)
+        depth_m = (depth * self.space.half_size).astype(np.float32)
+        return Rendering(rgb.reshape(*shape, 3), depth_m.reshape(shape), opacity.reshape(shape))
+
+    def evaluate(
+        self, indices: Sequence[int], T_world_cam_override: Mapping[int, Array] | None = None
+    ) -> Evaluation:
+        """Judge the pictures ``indices`` at training size, without exposure gains.
+
+        Args:
+            indices: Pictures.
+            T_world_cam_override: Poses to render from instead of the dataset's, by picture.
+
+        Raises:
+            ValueError: If ``indices`` is empty.
+        """
+        poses = T_world_cam_override or {}
+        scores: list[PictureScore] = []
+        for index in indices:
+            pose = poses.get(index, self.dataset.T_world_cam[index])
+            shown = self.render(self.dataset.intrinsics[index], pose).rgb
+            reference = self.dataset.images[index].astype(np.float32) / np.float32(255.0)
+            scores.append(score_picture(index, shown, reference, self.dataset.masks[index]))
+        return Evaluation(mean_metrics(scores, len(self.dataset)), tuple(scores))
+
+    def save(self, path: Path) -> None:
+        """Write a checkpoint (numpy archive) that is complete or not there."""
+        about = {
+            "field": asdict(self._field),
+            "train": asdict(self._train),
+            "centre": self.space.centre.tolist(),
+            "half_size": self.space.half_size,
+            "step": self._step,
+            "training_pictures": self._indices.tolist(),
+        }
+        draft = path.with_name(path.name + ".part")
+        with draft.open("wb") as stream:
+            np.savez(
+                stream,
+                about=np.array(json.dumps(about)),
+                log_gains=self._exposure.log_gains,
+                **self._occupancy.state(),
+                **self._parameters.named(),
+            )
+        draft.replace(path)
+
+    @classmethod
+    def load(
+        cls,
+        path: Path,
+        dataset: Dataset,
+        *,
+        backend: Literal["numba", "torch"] = "numba",
+        seed: int = 0,
+        threads: int = 1,
+    ) -> Trainer:
+        """Return a trainer with the field of a checkpoint; it renders and may go on training.
+
+        Raises:
+            ValueError: If the file is no checkpoint, or of a dataset with other pictures.
+            OSError: If it cannot be read.
+        """
+        with np.load(path) as stored:
+            if "about" not in stored:
+                raise ValueError(f"{path} is not a checkpoint of a field")
+            about = json.loads(str(stored["about"]))
+            pictures = about["training_pictures"]
+            if len(stored["log_gains"]) != len(dataset):
+                raise ValueError(f"{path} belongs to a dataset of another size")
+            trainer = cls(
+                dataset,
+                FieldConfig(**about["field"]),
+                TrainConfig(**about["train"]),
+                held_out=[i for i in range(len(dataset)) if i not in set(pictures)],
+                backend=backend,
+                seed=seed,
+                threads=threads,
+            )
+            trainer.space = SceneSpace(np.array(about["centre"]), float(about["half_size"]))
+            trainer.use_pictures(pictures)
+            for name, array in trainer._parameters.named().items():
+                array[:] = stored[name]
+            trainer._exposure.log_gains = stored["log_gains"]
+            trainer._occupancy.restore(stored["memory"], stored["occupied"])
+            trainer._step = int(about["step"])
+            trainer._progress = 1.0
+        return trainer
+
+    def _open_levels(self) -> float:
+        """Return how many levels of the encoding are in use now (coarse to fine)."""
+        levels = self._field.levels
+        if self._progress >= self._train.window_until:
+            return float(levels)
+        share = self._progress / self._train.window_until
+        start = min(self._train.window_start, levels)
+        return start + (levels - start) * share
+
+    def _densities(self, points: FloatArray) -> FloatArray:
+        return self._backend.densities(points, self._open_levels())
+
+    def _trusts(self, ts: FloatArray) -> FloatArray:
+        """Return the gradient factors of samples at distances ``ts`` ``(n,)``."""
+        full = self._train.trust_distance * self._usual_distance
+        if full == 0.0:
+            return np.ones_like(ts)
+        return np.minimum(1.0, (ts / np.float32(full)) ** 2).astype(np.float32)
+
+    def _backdrops(self) -> FloatArray:
+        """Return the colours ``(rays, 3)`` behind everything for one step."""
+        noise = np.float32(self._train.background_noise)
+        random = self._rng.random((self._rays, 3), dtype=np.float32)
+        return noise * random + (np.float32(1.0) - noise) * self._background
+
+    def _adapt(self, samples: int) -> None:
+        """Set the next number of rays by the samples of this one; refresh the grid when due."""
+        per_ray = max(samples / self._rays, 1.0)
+        wanted = int(self._train.samples_per_step / per_ray)
+        # Half way only: one odd batch shall not swing the next.
+        self._rays = int(
+            np.clip((self._rays + wanted) // 2, self._train.rays_min, self._train.rays_max)
+        )
+        due = self._step % self._train.occupancy_every == 0
+        if due and self._step >= self._train.occupancy_warm_up:
+            self._occupancy.refresh(self._densities, self._rng)
+
+    def _visible_samples(self, origins: FloatArray, directions: FloatArray) -> Samples:
+        return sample_rays(
+            self._backend,
+            self._occupancy.occupied,
+            origins,
+            directions,
+            np.full(len(origins), 0.5, np.float32),
+            near=self._near,
+            step=self._train.step_length,
+            open_levels=self._open_levels(),
+            transmittance=_RENDER_TRANSMITTANCE,
+            least_weight=_RENDER_LEAST_WEIGHT,
+            chunks=self._chunks,
+        )
+
+    def _shade(self, samples: Samples, harmonics: FloatArray) -> tuple[FloatArray, FloatArray]:
+        if len(samples.points) == 0:
+            return np.empty(0, np.float32), np.empty((0, 3), np.float32)
+        return self._backend.shade(
+            samples.points, harmonics, samples.ray_ids, self._open_levels()
+        )

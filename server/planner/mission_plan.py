@@ -1,0 +1,65 @@
+"""From seed geometry to who flies where: all planning in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from server.geometry.cameras import Intrinsics
+from server.planner.assignment import assign
+from server.planner.candidates import generate_candidates
+from server.planner.config import PlannerConfig
+from server.planner.fitness import build_problem
+from server.planner.placement import CancelCheck, ProgressReport, place
+from server.stages import Assignment, CameraPose, Placement, SeedGeometry
+
+
+def plan_mission(
+    seed: SeedGeometry,
+    intrinsics: Intrinsics,
+    tilt_rad: float,
+    drone_poses: Mapping[str, CameraPose],
+    rounds: int,
+    config: PlannerConfig,
+    seed_value: int,
+    on_progress: ProgressReport | None = None,
+    cancelled: CancelCheck | None = None,
+) -> tuple[Placement, Assignment]:
+    """Choose K = drones x rounds viewpoints around ``seed`` and share them out.
+
+    Args:
+        seed: The object's crude geometry.
+        intrinsics: Camera.
+        tilt_rad: How far the camera looks down.
+        drone_poses: Where each drone is now; its keys name the drones.
+        rounds: Pictures per drone.
+        config: Everything else.
+        seed_value: Seed of the annealing; the same inputs and seed give the same plan.
+        on_progress: Called every few thousand moves.
+        cancelled: Asked as often; True ends the search with the best choice so far.
+
+    Returns:
+        The placement, and which drone takes which of its viewpoints in which round. In the
+        assignment a viewpoint may stand farther out than in the placement, to keep drones apart.
+
+    Raises:
+        ValueError: Without drones or rounds.
+        PlanError: If the constraints leave no plan; the text names the constraint.
+    """
+    if not drone_poses or rounds < 1:
+        raise ValueError("a mission plan needs at least one drone and one round")
+    candidates = generate_candidates(seed, intrinsics, tilt_rad, config)
+    problem = build_problem(
+        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours
+    )
+    placement = place(
+        problem,
+        len(drone_poses) * rounds,
+        config.annealing,
+        np.random.default_rng(seed_value),
+        on_progress,
+        cancelled,
+    )
+    assignment = assign(placement.viewpoints, drone_poses, seed.outer.centre, config.space)
+    return placement, assignment

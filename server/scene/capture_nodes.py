@@ -1,0 +1,175 @@
+"""One capture in the scene: seed boxes, planned viewpoints, pictures taken, the field's preview."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from viser import CameraFrustumHandle, LineSegmentsHandle, SceneApi
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+from server.mission.events import CaptureTaken, PlanFound, PosesRefined, PreviewRendered, SeedFitted
+from server.scene.config import SceneConfig
+from server.scene.shapes import Rgb, box_edges, dimmed, node_name, picture_from_jpeg, placed
+
+_OUTER: Rgb = (240, 190, 40)
+_SLICE: Rgb = (200, 160, 90)
+_PREVIEW: Rgb = (60, 60, 60)
+_UNKNOWN: Rgb = (150, 150, 150)
+
+
+@dataclass(slots=True)
+class _Planned:
+    """A planned viewpoint: its node, whose it is, where it is, and whether it was taken."""
+
+    node: CameraFrustumHandle
+    drone_id: str
+    position_world: NDArray[np.float64]
+    done: bool = False
+
+
+class CaptureLayer:
+    """Draws what belongs to one capture; call it from one thread.
+
+    Every node has a fixed name and is drawn over or hidden, never removed: the viewer keeps a
+    tombstone of every name it has ever removed.
+    """
+
+    def __init__(self, scene: SceneApi, config: SceneConfig) -> None:
+        self._scene = scene
+        self._config = config
+        self._capture_id: str | None = None
+        self._colours: dict[str, Rgb] = {}
+        self._boxes: dict[str, LineSegmentsHandle] = {}
+        self._planned: dict[str, _Planned] = {}
+        self._pictures: dict[int, CameraFrustumHandle] = {}
+        self._preview: CameraFrustumHandle | None = None
+
+    def set_colour(self, drone_id: str, colour: Rgb) -> None:
+        """Remember a drone's colour."""
+        self._colours[drone_id] = colour
+
+    def begin(self, capture_id: str) -> bool:
+        """Hide what belongs to an earlier capture; return whether this one is new."""
+        if capture_id == self._capture_id:
+            return False
+        self._capture_id = capture_id
+        nodes = [*self._boxes.values(), *self._pictures.values()]
+        nodes += [planned.node for planned in self._planned.values()]
+        if self._preview is not None:
+            nodes.append(self._preview)
+        for node in nodes:
+            node.visible = False
+        self._planned.clear()
+        self._pictures.clear()
+        return True
+
+    def draw_seed(self, event: SeedFitted) -> None:
+        """Draw the outer box and the slices as wire frames."""
+        self._draw_boxes("outer", (event.seed.outer,), _OUTER, 3.0)
+        self._draw_boxes("slices", event.seed.boxes, _SLICE, 1.5)
+
+    def draw_plan(self, event: PlanFound) -> None:
+        """Draw the planned viewpoints, each in its drone's colour; the former plan is hidden."""
+        for planned in self._planned.values():
+            planned.node.visible = False
+        self._planned.clear()
+        camera, tilt_rad = self._config.planned_intrinsics, self._config.planned_tilt_rad
+        for index, assigned in enumerate(event.assignment.rounds):
+            for drone_id, viewpoint in assigned.items():
+                name = f"/plan/{index:02d}/{node_name(drone_id)}"
+                node = self._frustum(
+                    name,
+                    camera,
+                    viewpoint.T_world_cam(tilt_rad),
+                    self._config.small_frustum_m,
+                    self._colours.get(drone_id, _UNKNOWN),
+                )
+                self._planned[name] = _Planned(node, drone_id, viewpoint.position_world)
+
+    def draw_picture(self, event: CaptureTaken) -> None:
+        """Draw a picture where it was taken and dim the viewpoint it was planned for."""
+        capture = event.capture
+        drone_id = capture.pose.drone_id
+        self._pictures[capture.index] = self._frustum(
+            f"/pictures/{capture.index:03d}",
+            capture.intrinsics,
+            capture.pose.T_world_cam,
+            self._config.small_frustum_m,
+            self._colours.get(drone_id, _UNKNOWN),
+            picture_from_jpeg(event.thumbnail_jpeg),
+        )
+        # A later plan may start counting rounds anew, so the place tells, not the number.
+        todo = [p for p in self._planned.values() if p.drone_id == drone_id and not p.done]
+        if todo:
+            position = capture.pose.position_world
+            nearest = min(todo, key=lambda p: float(np.linalg.norm(p.position_world - position)))
+            nearest.done = True
+            nearest.node.color = dimmed(self._colours.get(drone_id, _UNKNOWN))
+
+    def move_pictures(self, event: PosesRefined) -> None:
+        """Move the pictures to their refined poses."""
+        for index, T_world_cam in enumerate(event.T_world_cam):
+            node = self._pictures.get(index)
+            if node is not None:
+                node.wxyz, node.position = placed(T_world_cam)
+
+    def draw_preview(self, event: PreviewRendered) -> None:
+        """Draw the field's newest rendering at the camera it was rendered from."""
+        picture = picture_from_jpeg(event.jpeg)
+        if self._preview is None:
+            self._preview = self._frustum(
+                "/preview",
+                event.intrinsics,
+                event.T_world_cam,
+                self._config.preview_frustum_m,
+                _PREVIEW,
+                picture,
+            )
+            return
+        self._preview.fov = event.intrinsics.vertical_fov_rad
+        self._preview.aspect = event.intrinsics.width / event.intrinsics.height
+        self._preview.wxyz, self._preview.position = placed(event.T_world_cam)
+        self._preview.image = picture
+        self._preview.visible = True
+
+    def _draw_boxes(self, name: str, boxes: tuple[Box3, ...], colour: Rgb, width_px: float) -> None:
+        if not boxes:
+            if name in self._boxes:
+                self._boxes[name].visible = False
+            return
+        self._boxes[name] = self._scene.add_line_segments(
+            f"/seed/{name}",
+            points=box_edges(boxes),
+            colors=colour,
+            thickness=width_px,
+            thickness_units="screen",
+        )
+
+    def _frustum(
+        self,
+        name: str,
+        intrinsics: Intrinsics,
+        T_world_cam: NDArray[np.float64],
+        scale_m: float,
+        colour: Rgb,
+        image_rgb: NDArray[np.uint8] | None = None,
+    ) -> CameraFrustumHandle:
+        wxyz, position = placed(T_world_cam)
+        return self._scene.add_camera_frustum(
+            name,
+            fov=intrinsics.vertical_fov_rad,
+            aspect=intrinsics.width / intrinsics.height,
+            scale=scale_m,
+            thickness=0.004,
+            color=colour,
+            image=image_rgb,
+            format="jpeg",
+            jpeg_quality=70,
+            wxyz=wxyz,
+            position=position,
+            cast_shadow=False,
+            receive_shadow=False,
+        )

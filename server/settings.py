@@ -1,0 +1,117 @@
+"""Settings from ``DRONERF_*`` variables and an optional TOML file, turned into frozen config.
+
+Order: command line, environment, the file named by ``DRONERF_CONFIG``, defaults. Nested values are
+written with two underscores: ``DRONERF_MISSION__CONTROL_RATE_HZ=10``. No algorithm sees
+``Settings``; each package gets its own piece.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+from pydantic import Field, SecretStr, ValidationError
+from pydantic_settings import (
+    BaseSettings,
+    PydanticBaseSettingsSource,
+    SettingsConfigDict,
+    TomlConfigSettingsSource,
+)
+
+from server.mission.config import FlightConfig, MissionConfig
+from server.planner.config import PlannerConfig
+from server.swarm.config import SafetyConfig
+from server.vision.config import VisionConfig
+
+
+class SettingsError(ValueError):
+    """A setting has a bad value; the text names it in one line."""
+
+
+class Settings(BaseSettings):
+    """Everything that can be set from outside.
+
+    Attributes:
+        host: Address the console listens on.
+        port: Its port.
+        token: The secret that opens the console; generated when neither it nor ``token_file`` is set.
+        token_file: A file that holds the token.
+        runs: Folder of the run folders.
+        mission: Tolerances, waits and counts of the flight.
+        planner: Candidates, fitness, annealing, tracking, avoidance.
+        vision: Region search, boxes, seed geometry, pose filter.
+        safety: Fence, battery, link and separation limits.
+    """
+
+    model_config = SettingsConfigDict(
+        env_prefix="DRONERF_", env_nested_delimiter="__", extra="ignore", frozen=True
+    )
+
+    host: str = "127.0.0.1"
+    port: int = Field(8000, ge=0, le=65535)
+    token: SecretStr | None = None
+    token_file: Path | None = None
+    runs: Path = Path("runs")
+    mission: MissionConfig = MissionConfig()
+    planner: PlannerConfig = PlannerConfig()
+    vision: VisionConfig = VisionConfig()
+    safety: SafetyConfig = SafetyConfig()
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Put the TOML file named by ``DRONERF_CONFIG`` below the environment."""
+        sources = [init_settings, env_settings]
+        if os.environ.get("DRONERF_CONFIG"):
+            sources.append(
+                TomlConfigSettingsSource(settings_cls, Path(os.environ["DRONERF_CONFIG"]))
+            )
+        return tuple(sources)
+
+    def flight(self) -> FlightConfig:
+        """Return the pieces that fly."""
+        return FlightConfig(self.mission, self.planner, self.vision, self.safety)
+
+    def open_token(self) -> str:
+        """Return the token: as set, else from the file, else a new one.
+
+        Raises:
+            SettingsError: If the file cannot be read or the token is too short to be one.
+        """
+        if self.token is not None:
+            token = self.token.get_secret_value()
+        elif self.token_file is not None:
+            try:
+                token = self.token_file.read_text().strip()
+            except OSError as error:
+                raise SettingsError(f"token file {self.token_file}: {error.strerror}") from error
+        else:
+            return secrets.token_urlsafe(24)
+        if len(token) < 8:
+            raise SettingsError("the token must have at least 8 characters")
+        return token
+
+
+def load_settings(**overrides: object) -> Settings:
+    """Return the settings; ``overrides`` that are None are ignored.
+
+    Raises:
+        SettingsError: Naming the first bad value in one line.
+    """
+    path = os.environ.get("DRONERF_CONFIG")
+    if path and not Path(path).is_file():
+        raise SettingsError(f"DRONERF_CONFIG names {path}, which is not a file")
+    given = {key: value for key, value in overrides.items() if value is not None}
+    try:
+        return Settings(**given)  # pyright: ignore[reportArgumentType]
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise SettingsError(f"setting {place or 'value'}: {first['msg']}") from error

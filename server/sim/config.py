@@ -1,0 +1,163 @@
+"""Configuration of the simulator; frozen, checked when made."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from ipaddress import AddressValueError, IPv4Address
+from pathlib import Path
+
+from server.swarm.config import DRONE_COLOURS, MAX_DRONES, DroneConfig, FleetConfig
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicsConfig:
+    """How the simulated airframes fly and measure.
+
+    Attributes:
+        lag_s: Time constant with which velocity follows the sticks, seconds.
+        gain_sigma: Spread of each drone's stick gains about the calibration, as a share.
+        take_off_height_m: Height of the hover after take-off, metres.
+        climb_m_s: Speed of take-off, metres per second.
+        sink_m_s: Speed of landing, metres per second.
+        drift_sigma_m_s: Spread of the horizontal hover drift velocity, metres per second.
+        drift_tau_s: How long a drift velocity lasts, seconds.
+        yaw_walk_deg: Heading drift that the drone does not notice, degrees per root second.
+        gyro_bias_deg_s: Spread of each drone's constant heading drift, degrees per second.
+        camera_offset_m: Camera ahead of the body's centre, metres.
+        camera_height_m: Camera above the ground when standing, metres.
+        tilt_deg: Camera below the horizon, degrees.
+        tilt_sigma_deg: Spread of each drone's camera tilt about it, degrees.
+        shake_deg: Spread of the camera's residual attitude in flight, degrees.
+        sway: Share of the airframe's lean that the stabilised video still shows.
+        flight_time_s: Seconds from full to empty battery in the air.
+        idle_time_s: Seconds from full to empty on the ground.
+        battery_pct: Charge at power-on, percent.
+    """
+
+    lag_s: float = 0.35
+    gain_sigma: float = 0.05
+    take_off_height_m: float = 0.8
+    climb_m_s: float = 0.35
+    sink_m_s: float = 0.4
+    drift_sigma_m_s: float = 0.02
+    drift_tau_s: float = 4.0
+    yaw_walk_deg: float = 0.1
+    gyro_bias_deg_s: float = 0.01
+    camera_offset_m: float = 0.035
+    camera_height_m: float = 0.03
+    tilt_deg: float = 12.0
+    tilt_sigma_deg: float = 0.3
+    shake_deg: float = 0.15
+    sway: float = 0.3
+    flight_time_s: float = 780.0
+    idle_time_s: float = 3000.0
+    battery_pct: float = 100.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not math.isfinite(value) or value < 0:
+                raise ValueError(f"{item.name} must be finite and not negative, not {value!r}")
+        for name in ("lag_s", "climb_m_s", "sink_m_s", "drift_tau_s", "take_off_height_m"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+        for name in ("flight_time_s", "idle_time_s"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class SimConfig:
+    """What is simulated.
+
+    Attributes:
+        scene: Name of a scene or path of a .glb or .obj file.
+        drones: How many, 1 to 8.
+        base_address: Loopback address of the first drone; the others follow.
+        start_radius_m: Radius of the nominal start circle, metres.
+        start_sigma_m: Spread of the start position on each axis, metres, capped at 20 cm in all.
+        start_sigma_deg: Spread of the start heading, degrees, capped at 15.
+        seed: Seed of everything random.
+        supersample: Pictures are rendered this many times larger and averaged down.
+        fps_cap: No drone sends more pictures per second.
+        bitrate_kbit_s: Upper bound of each drone's video rate, kbit/s.
+        truth_file: Where the true poses of rendered pictures go, for benches only; None: nowhere.
+        dynamics: How the drones fly.
+    """
+
+    scene: str = "robot_dog"
+    drones: int = 4
+    base_address: str = "127.0.1.1"
+    start_radius_m: float = 1.8
+    start_sigma_m: float = 0.08
+    start_sigma_deg: float = 5.0
+    seed: int = 0
+    supersample: int = 1
+    fps_cap: float = 15.0
+    bitrate_kbit_s: int = 4000
+    truth_file: Path | None = None
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.drones <= MAX_DRONES:
+            raise ValueError(f"drones must be 1 to {MAX_DRONES}, not {self.drones}")
+        try:
+            base = IPv4Address(self.base_address)
+        except AddressValueError:
+            raise ValueError(
+                f"base_address must be an IPv4 address, not {self.base_address!r}"
+            ) from None
+        last = int(self.base_address.rsplit(".", 1)[1])
+        # Clients use the addresses 100 above the drones', see ``fleet_config``.
+        if not base.is_loopback or not 1 <= last <= 100 - self.drones:
+            raise ValueError(
+                "base_address must be a loopback address whose last number leaves room for all"
+                f" drones below 100, not {self.base_address!r}"
+            )
+        if not 0.3 <= self.start_radius_m <= 5.0:
+            raise ValueError(f"start_radius_m must be 0.3 to 5, not {self.start_radius_m!r}")
+        for name in ("start_sigma_m", "start_sigma_deg"):
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < 0:
+                raise ValueError(f"{name} must be finite and not negative, not {value!r}")
+        if self.seed < 0:
+            raise ValueError(f"seed must not be negative, not {self.seed}")
+        if self.supersample not in (1, 2, 3, 4):
+            raise ValueError(f"supersample must be 1 to 4, not {self.supersample!r}")
+        if not 0.5 <= self.fps_cap <= 30.0:
+            raise ValueError(f"fps_cap must be 0.5 to 30, not {self.fps_cap!r}")
+        if not 200 <= self.bitrate_kbit_s <= 20000:
+            raise ValueError(f"bitrate_kbit_s must be 200 to 20000, not {self.bitrate_kbit_s!r}")
+
+    def drone_id(self, index: int) -> str:
+        """Return the id of the drone with ``index`` from 0."""
+        return f"drone-{index + 1}"
+
+    def address(self, index: int) -> str:
+        """Return the address of the drone with ``index`` from 0."""
+        return str(IPv4Address(self.base_address) + index)
+
+    def azimuth_deg(self, index: int) -> float:
+        """Return the nominal place on the start circle of the drone with ``index`` from 0."""
+        return 360.0 * index / self.drones
+
+
+def fleet_config(config: SimConfig) -> FleetConfig:
+    """Return the fleet that reaches the simulated drones.
+
+    Each drone gets a local address of its own, 100 above the drone's, so that the fixed state and
+    video ports never clash on one machine.
+    """
+    drones = tuple(
+        DroneConfig(
+            id=config.drone_id(index),
+            name=f"Drone {index + 1}",
+            colour=DRONE_COLOURS[index],
+            azimuth_deg=config.azimuth_deg(index),
+            address=config.address(index),
+            local_address=str(IPv4Address(config.address(index)) + 100),
+        )
+        for index in range(config.drones)
+    )
+    return FleetConfig(drones, config.start_radius_m)

@@ -1,0 +1,151 @@
+"""Run folders: one folder per capture, the truth about it, readable without this program.
+
+``capture.json`` (what was asked, how far it came), ``images/`` and ``masks/`` (the dataset),
+``keyframes/`` (pictures between them), ``pictures.jsonl`` (their believed poses),
+``transforms.json`` (what instant-ngp and nerfstudio open), ``metrics.json``, ``log.jsonl``,
+``checkpoint.pt``, ``preview.jpg``.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+from server.nerf.dataset import PosedFile, write_transforms
+from server.nerf.flight import FlightPicture, append_picture, read_pictures
+from server.stages import Capture, Region
+from server.store.atomic import write_atomic
+
+_STATE = "capture.json"
+
+
+def run_id(name: str) -> str:
+    """Return a run's id: the time now and the words of ``name``, safe as a folder's name."""
+    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    words = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40]
+    return f"{stamp}-{words}" if words else stamp
+
+
+class RunFolder:
+    """One run's folder.
+
+    Attributes:
+        path: The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def create(cls, root: Path, name: str) -> RunFolder:
+        """Make a new folder under ``root``, named by time and the words of ``name``."""
+        base = run_id(name)
+        for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+            path = root / f"{base}{suffix}"
+            try:
+                path.mkdir(parents=True)
+            except FileExistsError:
+                continue
+            for folder in ("images", "masks", "keyframes"):
+                (path / folder).mkdir()
+            return cls(path)
+        raise FileExistsError(f"{root / base} exists a thousand times")
+
+    @property
+    def id(self) -> str:
+        """The capture's id: the folder's name."""
+        return self.path.name
+
+    def write_state(self, state: dict[str, Any]) -> None:
+        """Replace ``capture.json``."""
+        write_atomic(self.path / _STATE, json.dumps(state, indent=1).encode())
+
+    def state(self) -> dict[str, Any] | None:
+        """Return ``capture.json``, None when there is none or it is unreadable."""
+        return _read_json(self.path / _STATE)
+
+    def metrics(self) -> dict[str, Any] | None:
+        """Return ``metrics.json``, None while there is none."""
+        return _read_json(self.path / "metrics.json")
+
+    def add_still(
+        self, capture: Capture, jpeg: bytes, region: Region | None, object_box: Box3 | None
+    ) -> None:
+        """Put a picture of the dataset, its mask and its pose on disk.
+
+        Args:
+            capture: The picture; its ``file`` says where it goes.
+            jpeg: Its bytes.
+            region: The object's region in it, for the mask.
+            object_box: The object's outer box, world, once known.
+        """
+        write_atomic(self.path / capture.file, jpeg)
+        mask = None
+        if region is not None:
+            mask = f"masks/{Path(capture.file).stem}.png"
+            write_atomic(self.path / mask, _mask_png(region, capture.intrinsics))
+        append_picture(
+            self.path,
+            FlightPicture(
+                file=capture.file,
+                mask=mask,
+                still=True,
+                drone_id=capture.pose.drone_id,
+                at_s=capture.pose.at_s,
+                round_index=capture.round_index,
+                T_world_cam=capture.pose.T_world_cam,
+                sigma_m=capture.pose.position_sigma_m,
+                sigma_rad=float(np.sqrt(capture.pose.covariance[3, 3])),
+            ),
+        )
+        self.write_transforms(capture.intrinsics, object_box)
+
+    def add_keyframe(self, picture: FlightPicture, jpeg: bytes) -> None:
+        """Put a key frame and its pose on disk."""
+        write_atomic(self.path / picture.file, jpeg)
+        append_picture(self.path, picture)
+
+    def write_transforms(self, intrinsics: Intrinsics, object_box: Box3 | None) -> None:
+        """Write ``transforms.json`` with the poses believed in flight."""
+        stills = [p for p in read_pictures(self.path) if p.still]
+        write_transforms(
+            self.path,
+            [PosedFile(p.file, p.T_world_cam, p.mask) for p in stills],
+            intrinsics,
+            object_box,
+        )
+
+    def log(self, **fields: Any) -> None:
+        """Append one line to ``log.jsonl``."""
+        with (self.path / "log.jsonl").open("a") as stream:
+            stream.write(json.dumps(fields) + "\n")
+
+
+def list_runs(root: Path) -> list[RunFolder]:
+    """Return the run folders under ``root`` that hold a ``capture.json``, newest first."""
+    if not root.is_dir():
+        return []
+    found = [RunFolder(path.parent) for path in root.glob(f"*/{_STATE}")]
+    return sorted(found, key=lambda run: run.id, reverse=True)
+
+
+def _mask_png(region: Region, intrinsics: Intrinsics) -> bytes:
+    size = (intrinsics.width, intrinsics.height)
+    mask = cv2.resize(region.mask.astype(np.uint8) * 255, size, interpolation=cv2.INTER_LINEAR)
+    _, png = cv2.imencode(".png", np.where(mask >= 128, 255, 0).astype(np.uint8))
+    return png.tobytes()
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    try:
+        return json.loads(path.read_text())
+    except (OSError, json.JSONDecodeError):
+        return None

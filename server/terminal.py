@@ -1,0 +1,154 @@
+"""What a person at the terminal sees: the mission's course, a training bar, the table of results.
+
+Everything but the table goes to stderr.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+from typing import Any
+
+from server.mission.events import (
+    CaptureChanged,
+    EventStream,
+    MetricsMeasured,
+    Noted,
+    PlanFound,
+    PosesRefined,
+    SeedFitted,
+    TrainingProgressed,
+)
+
+_BAR = 24
+
+
+class TrainingBar:
+    """One line on stderr that a training run keeps rewriting; plain lines where it is no terminal."""
+
+    def __init__(self) -> None:
+        self._live = sys.stderr.isatty()
+        self._open = False
+        self._shown_s = -10.0
+        self._stage = ""
+
+    def show(self, event: dict[str, Any]) -> None:
+        """Show one ``progressed`` event of the worker; others are ignored."""
+        if event.get("event") != "progressed":
+            return
+        stage, seconds, total = event["stage"], event["seconds"], event["seconds_total"]
+        if not self._live and stage == self._stage and seconds - self._shown_s < 10.0:
+            return
+        self._shown_s, self._stage = seconds, stage
+        text = f"{stage:<9}"
+        if total:
+            share = min(1.0, seconds / total)
+            filled = "#" * round(share * _BAR)
+            text += f"[{filled:.<{_BAR}}] {max(0.0, total - seconds):4.0f} s left"
+        if event["psnr_db"] is not None:
+            text += f"  {event['psnr_db']:5.2f} dB on training rays"
+        if event["samples_per_s"]:
+            text += f"  {event['samples_per_s'] / 1e6:.2f} M samples/s"
+        end = "" if self._live else "\n"
+        print(("\r\x1b[K" if self._live else "") + text, end=end, file=sys.stderr, flush=True)
+        self._open = self._live
+
+    def close(self) -> None:
+        """End the line."""
+        if self._open:
+            print(file=sys.stderr)
+        self._open = False
+
+
+class CaptureFollower:
+    """Prints a capture's course to stderr, a line per news."""
+
+    def __init__(self, events: EventStream) -> None:
+        self._events = events
+        self._bar = TrainingBar()
+        self._task: asyncio.Task[None] | None = None
+        self._last = ""
+
+    def start(self) -> CaptureFollower:
+        """Begin to follow; returns itself."""
+        self._task = asyncio.create_task(self._follow(), name="terminal")
+        return self
+
+    def stop(self) -> None:
+        """Stop following."""
+        self._bar.close()
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _follow(self) -> None:
+        with self._events.subscribe(1024) as subscription:
+            async for event in subscription:
+                with contextlib.suppress(BrokenPipeError):
+                    self._tell(event)
+
+    def _tell(self, event: object) -> None:
+        match event:
+            case TrainingProgressed():
+                self._bar.show(
+                    {
+                        "event": "progressed",
+                        "stage": event.stage,
+                        "seconds": event.seconds,
+                        "seconds_total": event.seconds_total,
+                        "psnr_db": event.psnr_db,
+                        "samples_per_s": event.samples_per_s,
+                    }
+                )
+                return
+            case CaptureChanged():
+                text = f"{event.phase.replace('_', ' ')}"
+                if event.phase in ("fly", "tune", "capture"):
+                    text = f"round {event.round_index + 1} of {event.rounds}"
+                text += f", {event.images} of {event.images_total} pictures"
+            case SeedFitted():
+                size = " x ".join(f"{edge:.2f}" for edge in event.seed.outer.size)
+                text = f"object found: {size} m, {len(event.seed.boxes)} boxes"
+            case PlanFound():
+                text = (
+                    f"plan: {len(event.placement.viewpoints)} viewpoints out of "
+                    f"{event.placement.candidates}, fitness {event.placement.fitness:.3f}"
+                )
+            case PosesRefined():
+                text = f"poses refined: {int(event.refined.sum())} of {len(event.refined)}"
+            case MetricsMeasured():
+                text = f"held out: {event.metrics.psnr_db:.2f} dB, SSIM {event.metrics.ssim:.3f}"
+            case Noted():
+                who = f"{event.drone_id}: " if event.drone_id else ""
+                text = f"{event.level}: {who}{event.text}"
+            case _:
+                return
+        if text != self._last:
+            self._bar.close()
+            print(text, file=sys.stderr, flush=True)
+            self._last = text
+
+
+_ROWS = (
+    ("PSNR, held-out pictures", "psnr_db", "{:.2f} dB"),
+    ("PSNR, object alone", "psnr_db_object", "{:.2f} dB"),
+    ("SSIM", "ssim", "{:.3f}"),
+    ("FLIP (smaller is better)", "flip", "{:.3f}"),
+    ("pictures", "images", "{}"),
+    ("of them held out", "images_held_out", "{}"),
+    ("training samples per second", "samples_per_s", "{:,.0f}"),
+    ("wall time", "wall_s", "{:.0f} s"),
+)
+
+
+def metrics_table(result: dict[str, Any]) -> str:
+    """Return the result of a mission or a training as a table for people."""
+    lines = [f"{result.get('scene') or result.get('dataset')}, {result.get('mode') or 'training'}"]
+    for label, key, form in _ROWS:
+        value = result.get(key)
+        if value is not None:
+            lines.append(f"  {label:<30}{form.format(value)}")
+    for phase, seconds in (result.get("seconds") or {}).items():
+        lines.append(f"    {phase:<28}{seconds:.1f} s")
+    lines.append(f"  {'run':<30}{result['run']}")
+    return "\n".join(lines)

@@ -1,0 +1,188 @@
+"""Every number the eyes may be tuned with; validated where it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+
+def _require(condition: bool, name: str, rule: str) -> None:
+    if not condition:
+        raise ValueError(f"{name} {rule}")
+
+
+def _require_positive(config: object) -> None:
+    """Raise ValueError naming the first numeric field of ``config`` that is not above zero."""
+    for each in fields(config):  # type: ignore[arg-type]
+        value = getattr(config, each.name)
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            _require(value > 0, each.name, f"must be above zero, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class RegionConfig:
+    """How the object's region is found in one picture.
+
+    Attributes:
+        work_scale: Full-picture pixels per working pixel; 4 searches a 960x720 picture at 240x180.
+        sigma_min_px: Smallest blob scale searched, working pixels.
+        sigma_max_px: Largest blob scale searched, working pixels.
+        scales_per_octave: Scales per doubling of sigma.
+        chroma_weight: Weight of the a and b channels against L in the response's magnitude; above
+            one because shading and light change L most.
+        min_response: Smallest response of a blob that counts, in (weighted) Lab units.
+        candidates: How many blobs are considered for the object.
+        size_exponent: How strongly a larger sigma wins over a stronger response.
+        prior_sigma_px: Standard deviation of the object's place when nothing is known, as a share
+            of the picture's width, around the picture's centre.
+        histogram_bins: Bins per Lab channel of the colour model.
+        refine_iterations: GrabCut iterations of a refined mask.
+        refine_every: The tracker refines every this many frames.
+        min_area_share: Smallest mask accepted, share of the picture.
+        max_area_share: Largest mask accepted, share of the picture.
+        min_confidence: Below this a region counts as nothing.
+    """
+
+    work_scale: int = 4
+    sigma_min_px: float = 4.0
+    sigma_max_px: float = 48.0
+    scales_per_octave: int = 3
+    chroma_weight: float = 1.5
+    min_response: float = 3.0
+    candidates: int = 12
+    size_exponent: float = 0.7
+    prior_sigma_px: float = 0.25
+    histogram_bins: int = 16
+    refine_iterations: int = 2
+    refine_every: int = 8
+    min_area_share: float = 0.002
+    max_area_share: float = 0.6
+    min_confidence: float = 0.15
+
+    def __post_init__(self) -> None:
+        _require_positive(self)
+        _require(self.sigma_max_px > self.sigma_min_px, "sigma_max_px", "must exceed sigma_min_px")
+        _require(
+            self.max_area_share <= 1.0 and self.max_area_share > self.min_area_share,
+            "max_area_share",
+            "must lie between min_area_share and 1",
+        )
+        _require(4 <= self.histogram_bins <= 64, "histogram_bins", "must lie between 4 and 64")
+
+
+@dataclass(frozen=True, slots=True)
+class SeedConfig:
+    """How views become the crude geometry of the object.
+
+    Attributes:
+        slices: Boxes the object is cut into along the vertical.
+        min_views: Fewest views that are combined.
+        pair_min_rad: Two views are an orthogonal pair from this angle between their directions on,
+            radians; and up to pi minus it.
+        agreement: Share of the views that see a place which must hold it to be the object.
+        voxels: Cells along each axis of the carved space.
+        margin_m: Every outer face is moved outwards by this much, metres.
+        min_size_m: Smallest edge of any box, metres.
+        max_miss_m: Largest median distance between the views' rays and their common centre, metres;
+            beyond it the views do not look at the same thing.
+    """
+
+    slices: int = 6
+    min_views: int = 2
+    pair_min_rad: float = 0.785
+    agreement: float = 0.75
+    voxels: int = 56
+    margin_m: float = 0.01
+    min_size_m: float = 0.03
+    max_miss_m: float = 0.8
+
+    def __post_init__(self) -> None:
+        _require_positive(self)
+        _require(self.min_views >= 2, "min_views", "must be at least 2")
+        _require(self.pair_min_rad < 1.5707, "pair_min_rad", "must be below a right angle")
+        _require(self.agreement <= 1.0, "agreement", "must be at most 1")
+        _require(self.voxels >= self.slices, "voxels", "must be at least slices")
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizationConfig:
+    """What the pose filter believes about the drone, its sensors and the object.
+
+    Attributes:
+        start_position_sigma_m: How well the start place is known, per horizontal axis, metres.
+        start_height_m: Height of the camera above the floor when the drone stands on it, metres.
+        start_height_sigma_m: How well that is known, metres.
+        start_yaw_sigma_rad: How well the start heading is known, radians.
+        velocity_sigma_m_s: White error of a reported velocity (quantisation and noise), m/s.
+        velocity_bias_m_s: Slowly changing error of the reported velocity, m/s.
+        velocity_bias_tau_s: Correlation time of that error, seconds.
+        velocity_scale_sigma: Share by which reported speeds may be wrong.
+        yaw_sigma_rad: Error of one reported yaw (one-degree steps), radians.
+        yaw_drift_rad_sqrt_s: Random walk of the reported yaw, radians per root second.
+        height_sigma_m: Error of the reported height (10 cm steps), metres.
+        tof_sigma_m: Error of the distance sensor, metres.
+        tof_offset_m: Camera height minus the distance sensor's reading, metres.
+        box_sigma_rad: White error of the box centroid's direction, radians.
+        box_bias_rad: Slowly changing error of it (the box's centroid is not the object's centre,
+            and differs from side to side), radians.
+        box_bias_tau_s: Correlation time of that error, seconds.
+        size_sigma: White relative error of the apparent height.
+        size_bias: Slowly changing relative error of it.
+        use_attitude: Whether reported pitch and roll turn the camera.
+        gate: Squared Mahalanobis distance per degree of freedom beyond which a box is refused.
+        max_extrapolation_s: How far from the newest report a pose is extrapolated, seconds.
+        target_sigma_m: How near the object stands to the world's origin, per axis, metres.
+        target_height_m: Height of the object's centre above the floor before it was seen, metres.
+        target_height_sigma_m: How well that is known, metres.
+        object_height_m: Height of the object before it was seen, metres.
+        object_height_log_sigma: How well its logarithm is known.
+    """
+
+    start_position_sigma_m: float = 0.2
+    start_height_m: float = 0.08
+    start_height_sigma_m: float = 0.02
+    start_yaw_sigma_rad: float = 0.262
+    velocity_sigma_m_s: float = 0.05
+    velocity_bias_m_s: float = 0.04
+    velocity_bias_tau_s: float = 3.0
+    velocity_scale_sigma: float = 0.05
+    yaw_sigma_rad: float = 0.012
+    yaw_drift_rad_sqrt_s: float = 0.0025
+    height_sigma_m: float = 0.05
+    tof_sigma_m: float = 0.03
+    tof_offset_m: float = 0.0
+    box_sigma_rad: float = 0.01
+    box_bias_rad: float = 0.03
+    box_bias_tau_s: float = 15.0
+    size_sigma: float = 0.05
+    size_bias: float = 0.12
+    use_attitude: bool = True
+    gate: float = 7.0
+    max_extrapolation_s: float = 0.5
+    target_sigma_m: float = 0.3
+    target_height_m: float = 0.45
+    target_height_sigma_m: float = 0.4
+    object_height_m: float = 0.8
+    object_height_log_sigma: float = 0.7
+
+    def __post_init__(self) -> None:
+        offset = self.tof_offset_m
+        _require(-0.5 < offset < 0.5, "tof_offset_m", f"must lie within half a metre, got {offset}")
+        for each in fields(self):
+            if each.name not in ("tof_offset_m", "use_attitude"):
+                value = getattr(self, each.name)
+                _require(value > 0, each.name, f"must be above zero, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class VisionConfig:
+    """All of the eyes' settings.
+
+    Attributes:
+        region: Finding the object in a picture.
+        seed: Combining views.
+        localization: Poses of drones and object.
+    """
+
+    region: RegionConfig = field(default_factory=RegionConfig)
+    seed: SeedConfig = field(default_factory=SeedConfig)
+    localization: LocalizationConfig = field(default_factory=LocalizationConfig)

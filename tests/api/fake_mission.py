@@ -1,0 +1,255 @@
+"""A mission without drones: it keeps what it was asked for and publishes what it is told to."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.geometry.poses import camera_pose
+from server.mission.commands import (
+    CaptureRecord,
+    CaptureRequest,
+    DroneCommand,
+    RefusedError,
+    UnknownError,
+)
+from server.mission.events import (
+    CaptureChanged,
+    CaptureTaken,
+    DroneReported,
+    Event,
+    EventStream,
+    FrameAnnotated,
+    PlanFound,
+    SeedFitted,
+)
+from server.stages import (
+    Assignment,
+    CameraPose,
+    Capture,
+    Placement,
+    SeedGeometry,
+    Telemetry,
+    Viewpoint,
+)
+
+DRONES = ("drone-1", "drone-2", "drone-3", "drone-4")
+
+
+def jpeg(width: int = 640, height: int = 480, grey: int = 100) -> bytes:
+    ok, data = cv2.imencode(".jpg", np.full((height, width, 3), grey, np.uint8))
+    if not ok:
+        raise RuntimeError("no JPEG")
+    return data.tobytes()
+
+
+JPEG = jpeg()
+THUMBNAIL = jpeg(160, 120)
+
+
+def drone_report(drone_id: str = "drone-1", battery_pct: int | None = 80) -> DroneReported:
+    return DroneReported(
+        drone_id=drone_id,
+        name=drone_id.title(),
+        colour="#1f77b4",
+        activity="flying",
+        held=False,
+        battery_pct=battery_pct,
+        temperature_c=60.0,
+        height_m=1.2,
+        speed_m_s=0.1,
+        state_age_s=0.05,
+        video_age_s=0.03,
+        video_fps=29.7,
+        position_sigma_m=0.05,
+    )
+
+
+def frame(drone_id: str = "drone-1", sequence: int = 0, data: bytes = JPEG) -> FrameAnnotated:
+    return FrameAnnotated(drone_id, sequence, time.monotonic(), data, damaged=False)
+
+
+def capture_changed(capture_id: str = "run-1", state: str = "running") -> CaptureChanged:
+    return CaptureChanged(
+        id=capture_id,
+        state=state,
+        phase="flying round 1",
+        progress=0.25,
+        eta_s=60.0,
+        run=f"runs/{capture_id}",
+        error=None,
+        mode="optimized",
+        round_index=0,
+        rounds=6,
+        images=4,
+        images_total=24,
+    )
+
+
+def telemetry(drone_id: str) -> Telemetry:
+    return Telemetry(
+        drone_id=drone_id,
+        received_s=0.0,
+        yaw_rad=0.0,
+        pitch_rad=0.0,
+        roll_rad=0.0,
+        velocity_m_s=np.zeros(3),
+        acceleration_m_s2=np.array([0.0, 0.0, 9.81]),
+        height_m=1.0,
+        tof_m=1.0,
+        baro_m=0.0,
+        battery_pct=80,
+        temperature_c=60.0,
+        motor_time_s=10.0,
+    )
+
+
+def picture_taken(index: int = 0, drone_id: str = "drone-1") -> CaptureTaken:
+    T_world_cam = camera_pose(np.array([2.0, 0.0, 1.0]), np.pi, TELLO_TILT_RAD)
+    capture = Capture(
+        index=index,
+        round_index=index // 4,
+        pose=CameraPose(drone_id, 0.0, T_world_cam, np.eye(4) * 1e-3),
+        intrinsics=TELLO_INTRINSICS,
+        telemetry=telemetry(drone_id),
+        box=None,
+        file=f"images/{index:03d}.jpg",
+        captured_at=datetime.now(UTC),
+    )
+    return CaptureTaken(capture, THUMBNAIL)
+
+
+def seed_fitted() -> SeedFitted:
+    outer = Box3(np.array([-0.5, -0.4, 0.0]), np.array([0.5, 0.4, 1.6]))
+    lower = Box3(outer.lower, np.array([0.5, 0.4, 0.8]))
+    upper = Box3(np.array([-0.3, -0.3, 0.8]), np.array([0.3, 0.3, 1.6]))
+    return SeedFitted(SeedGeometry(outer, (lower, upper), views=4))
+
+
+def plan_found(rounds: int = 2) -> PlanFound:
+    viewpoints = [
+        Viewpoint(np.array([2.0 * np.cos(a), 2.0 * np.sin(a), 1.0]), float(a + np.pi))
+        for a in np.linspace(0.0, 2.0 * np.pi, 4 * rounds, endpoint=False)
+    ]
+    assigned = tuple(
+        {d: viewpoints[r * 4 + i] for i, d in enumerate(DRONES)} for r in range(rounds)
+    )
+    placement = Placement(
+        tuple(viewpoints), 0.8, {"coverage": 0.9, "overlap": float("nan")}, 500, bound=0.85
+    )
+    return PlanFound(placement, Assignment(assigned))
+
+
+@dataclass
+class FakeMission:
+    """Keeps every call; with ``hangs`` its coroutines return only once ``released``."""
+
+    runs: Path
+    events: EventStream = field(default_factory=EventStream)
+    hangs: bool = False
+    released: asyncio.Event = field(default_factory=asyncio.Event)
+    calls: list[tuple[str, object]] = field(default_factory=list)
+    records: dict[str, CaptureRecord] = field(default_factory=dict)
+    frames: dict[str, FrameAnnotated] = field(default_factory=dict)
+    kept: list[Event] = field(default_factory=list)
+
+    def drones(self) -> list[DroneReported]:
+        return [drone_report(drone_id) for drone_id in DRONES]
+
+    def newest_frame(self, drone_id: str) -> FrameAnnotated | None:
+        self._check(drone_id)
+        return self.frames.get(drone_id)
+
+    def standing(self) -> list[Event]:
+        return list(self.kept)
+
+    async def command_drone(self, drone_id: str, command: DroneCommand) -> None:
+        self.calls.append((command, drone_id))
+        self._check(drone_id)
+        await self._perhaps_hang()
+        if command == "rearm":
+            raise RefusedError(f"{drone_id} is not held")
+
+    async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
+        self.calls.append(("start", request))
+        await self._perhaps_hang()
+        if request.pictures > 400:
+            raise ValueError("pictures must be at most 400")
+        if any(record.status.state == "running" for record in self.records.values()):
+            raise RefusedError("a capture is running")
+        return self.keep(capture_changed(f"run-{len(self.records) + 1}"), request)
+
+    def captures(self) -> list[CaptureRecord]:
+        return list(reversed(self.records.values()))
+
+    def capture(self, capture_id: str) -> CaptureRecord:
+        if capture_id not in self.records:
+            raise UnknownError(f"there is no capture {capture_id!r}")
+        return self.records[capture_id]
+
+    async def pause_capture(self, capture_id: str) -> CaptureRecord:
+        return await self._change(capture_id, "running", "paused")
+
+    async def resume_capture(self, capture_id: str) -> CaptureRecord:
+        return await self._change(capture_id, "paused", "running")
+
+    async def abort_capture(self, capture_id: str) -> CaptureRecord:
+        return await self._change(capture_id, "running", "aborted")
+
+    def run_folder(self, capture_id: str) -> Path:
+        self.capture(capture_id)
+        return self.runs / capture_id
+
+    def keep(
+        self,
+        status: CaptureChanged,
+        request: CaptureRequest | None = None,
+        metrics: dict[str, object] | None = None,
+    ) -> CaptureRecord:
+        record = CaptureRecord(request or CaptureRequest(), status, datetime.now(UTC), metrics)
+        self.records[status.id] = record
+        return record
+
+    async def _change(self, capture_id: str, before: str, after: str) -> CaptureRecord:
+        record = self.capture(capture_id)
+        await self._perhaps_hang()
+        if record.status.state != before:
+            raise RefusedError(f"it is {record.status.state}")
+        return self.keep(replace(record.status, state=after), record.request)
+
+    async def _perhaps_hang(self) -> None:
+        if self.hangs:
+            await self.released.wait()
+
+    def _check(self, drone_id: str) -> None:
+        if drone_id not in DRONES:
+            raise UnknownError(f"there is no drone {drone_id!r}")
+
+
+@dataclass
+class FakeStops:
+    """Keeps every stop; knows the four drones only."""
+
+    calls: list[tuple[str, str | None]] = field(default_factory=list)
+
+    def hold(self, drone_id: str | None = None) -> None:
+        self._keep("hold", drone_id)
+
+    def land(self, drone_id: str | None = None) -> None:
+        self._keep("land", drone_id)
+
+    def cut_motors(self, drone_id: str | None = None) -> None:
+        self._keep("cut_motors", drone_id)
+
+    def _keep(self, name: str, drone_id: str | None) -> None:
+        if drone_id is not None and drone_id not in DRONES:
+            raise KeyError(drone_id)
+        self.calls.append((name, drone_id))

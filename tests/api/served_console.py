@@ -1,0 +1,80 @@
+"""A console on a real server, with a fake mission behind it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import httpx
+import uvicorn
+from fake_mission import FakeMission, FakeStops
+
+from server.api.config import ApiConfig
+from server.api.door import Door
+from server.api.serving import uvicorn_config
+from server.api.web import make_web
+
+TOKEN = "correct-horse-battery-staple"
+
+
+class _Server(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+@dataclass
+class Console:
+    """A served console and what stands behind it."""
+
+    address: str
+    mission: FakeMission
+    stops: FakeStops
+    dist: Path
+
+    @property
+    def headers(self) -> dict[str, str]:
+        return {"Authorization": f"Bearer {TOKEN}"}
+
+    @property
+    def http(self) -> str:
+        return f"http://{self.address}"
+
+    @property
+    def socket(self) -> str:
+        return f"ws://{self.address}"
+
+    def client(self, signed_in: bool = True) -> httpx.AsyncClient:
+        return httpx.AsyncClient(
+            base_url=self.http, headers=self.headers if signed_in else {}, trust_env=False
+        )
+
+
+@asynccontextmanager
+async def serve(tmp_path: Path, scene_port: int | None = None) -> AsyncIterator[Console]:
+    mission, stops, dist = FakeMission(tmp_path / "runs"), FakeStops(), tmp_path / "dist"
+    config = replace(ApiConfig(), command_wait_s=0.2)
+    web = make_web(mission, stops, Door(TOKEN), scene_port, dist, "0.1.0", config)
+    server = _Server(uvicorn_config(web, "127.0.0.1", 0))
+    serving = asyncio.create_task(server.serve())
+    while not server.started:
+        if serving.done():
+            serving.result()
+        await asyncio.sleep(0.01)
+    host, port = server.servers[0].sockets[0].getsockname()
+    try:
+        yield Console(f"{host}:{port}", mission, stops, dist)
+    finally:
+        mission.released.set()
+        server.should_exit = True
+        await serving
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for ``condition``; the test's own time limit ends a wait that is in vain."""
+    while not condition():  # noqa: ASYNC110 - what is waited for sets no event.
+        await asyncio.sleep(0.01)

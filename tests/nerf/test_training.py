@@ -1,0 +1,193 @@
+"""Training on a tiny ray-traced scene: it learns, repeats itself, and survives on disk."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import load_dataset
+from server.nerf.preview import orbit_pose, render_preview
+from server.nerf.rays import PixelSource, camera_rays
+from server.nerf.space import scene_space
+from server.nerf.training import Trainer
+from tests.nerf.tiny_scene import BALL_CENTRE, CAMERA, write_tiny_scene
+
+FIELD = FieldConfig(levels=6, log2_table_size=13, features=2, coarsest=8, finest=128)
+TRAIN = TrainConfig(
+    samples_per_step=8192,
+    step_length=1 / 32,
+    occupancy_cells=32,
+    occupancy_every=8,
+    occupancy_warm_up=16,
+)
+HELD_OUT = (0, 8)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    return load_dataset(write_tiny_scene(tmp_path_factory.mktemp("tiny") / "scene"))
+
+
+def make(dataset, **changes):
+    options = {"held_out": HELD_OUT, "seed": 3, "threads": 2, **changes}
+    return Trainer(dataset, FIELD, TRAIN, **options)
+
+
+@pytest.mark.slow
+def test_training_reproduces_pictures_it_has_not_seen(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=2)
+    before = trainer.evaluate(HELD_OUT).metrics
+    trainer.run(steps=300)
+    after = trainer.evaluate(HELD_OUT).metrics
+    assert after.images_held_out == 2
+    assert after.images == 12
+    assert after.psnr_db > 17.0
+    assert after.psnr_db > before.psnr_db + 4.0
+    assert after.ssim > before.ssim
+    assert trainer.samples_per_s > 0.0
+    # A wrong camera cannot show the right picture.
+    turned = {0: dataset.T_world_cam[4]}
+    assert trainer.evaluate([0], turned).metrics.psnr_db < after.psnr_db - 3.0
+
+
+@pytest.mark.slow
+def test_depth_is_in_metres(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=300)
+    shown = trainer.render(CAMERA, dataset.T_world_cam[4])
+    distance = np.linalg.norm(dataset.T_world_cam[4][:3, 3] - BALL_CENTRE) - 0.35
+    assert shown.opacity[24, 32] > 0.9
+    assert shown.depth_m[24, 32] == pytest.approx(distance, abs=0.12)
+
+
+@pytest.mark.slow
+def test_equal_seeds_give_equal_fields(dataset):
+    pictures = []
+    for seed in (3, 3, 4):
+        trainer = make(dataset, seed=seed)
+        trainer.run(steps=25)
+        pictures.append(trainer.render(CAMERA, dataset.T_world_cam[0]).rgb)
+    np.testing.assert_array_equal(pictures[0], pictures[1])
+    assert np.abs(pictures[0] - pictures[2]).max() > 1e-4
+
+
+@pytest.mark.slow
+def test_torch_and_numba_take_the_same_steps(dataset):
+    losses = []
+    for backend in ("torch", "numba"):
+        trainer = make(dataset, backend=backend)
+        losses.append([trainer.step().loss for _ in range(4)])
+    np.testing.assert_allclose(losses[0], losses[1], rtol=2e-3)
+
+
+@pytest.mark.slow
+def test_checkpoint_shows_the_same_picture(dataset, tmp_path):
+    trainer = make(dataset)
+    trainer.run(steps=30)
+    trainer.save(tmp_path / "checkpoint")
+    again = Trainer.load(tmp_path / "checkpoint", dataset, threads=2)
+    np.testing.assert_array_equal(
+        again.render(CAMERA, dataset.T_world_cam[0]).rgb,
+        trainer.render(CAMERA, dataset.T_world_cam[0]).rgb,
+    )
+    assert again.steps == 30
+    assert [p.name for p in tmp_path.iterdir()] == ["checkpoint"]
+    fewer = dataclasses.replace(dataset, files=dataset.files[:5])
+    with pytest.raises(ValueError, match="another size"):
+        Trainer.load(tmp_path / "checkpoint", fewer)
+
+
+@pytest.mark.slow
+def test_held_out_pictures_do_not_touch_the_field(dataset):
+    images = list(dataset.images)
+    for index in HELD_OUT:
+        images[index] = 255 - images[index]
+    changed = dataclasses.replace(dataset, images=tuple(images))
+    renderings = []
+    for which in (dataset, changed):
+        trainer = make(which)
+        trainer.run(steps=10)
+        renderings.append(trainer.render(CAMERA, dataset.T_world_cam[0]).rgb)
+    np.testing.assert_array_equal(*renderings)
+
+
+@pytest.mark.slow
+def test_run_stops_when_asked_and_hurries(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=50, should_stop=lambda: trainer.steps >= 7)
+    assert trainer.steps == 7
+    trainer.run(steps=50, hurry=lambda: True)
+    assert trainer.steps - 7 == 10
+    with pytest.raises(ValueError, match="seconds or steps"):
+        trainer.run()
+
+
+@pytest.mark.slow
+def test_all_pictures_may_join_later(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=20)
+    trainer.use_pictures(range(len(dataset)))
+    report = trainer.run(steps=20, progress_from=0.5)
+    assert report is not None
+    assert report.step == 40
+    with pytest.raises(ValueError, match="no picture"):
+        trainer.use_pictures([])
+
+
+@pytest.mark.slow
+def test_preview_is_a_jpeg_of_the_orbit(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=5)
+    preview = render_preview(trainer, 0.25, width=80, height=60)
+    picture = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    assert picture.shape == (60, 80, 3)
+    pixel, depth = preview.intrinsics.project(BALL_CENTRE[None], preview.T_world_cam)
+    np.testing.assert_allclose(pixel[0], [39.5, 29.5], atol=1e-6)
+    assert depth[0] > 0.5
+
+
+def test_orbit_closes():
+    poses = np.tile(np.eye(4), (3, 1, 1))
+    poses[:, :3, 3] = [[1, 0, 1], [0, 2, 1], [-1, 0, 1]]
+    start, end = (orbit_pose(poses, np.zeros(3), t) for t in (0.0, 1.0))
+    np.testing.assert_allclose(start, end, atol=1e-12)
+    np.testing.assert_allclose(start[:3, 3], [1, 0, 1], atol=1e-12)
+
+
+def test_drawn_rays_carry_their_pixels(dataset):
+    space = scene_space(dataset)
+    batch = PixelSource(dataset, [2, 5], space, 0.5).draw(200, np.random.default_rng(0))
+    assert set(batch.pictures) == {2, 5}
+    for picture in (2, 5):
+        _, directions = camera_rays(CAMERA, dataset.T_world_cam[picture], space)
+        rows = np.flatnonzero(batch.pictures == picture)
+        nearest = (batch.directions[rows] @ directions.T).argmax(axis=1)
+        wanted = dataset.images[picture].reshape(-1, 3)[nearest] / 255.0
+        np.testing.assert_allclose(batch.targets[rows], wanted, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("make_config", "name"),
+    [
+        (lambda: FieldConfig(levels=0), "levels"),
+        (lambda: FieldConfig(coarsest=64, finest=32), "coarsest"),
+        (lambda: TrainConfig(learning_rate=-1.0), "learning_rate"),
+        (lambda: TrainConfig(object_share=1.5), "object_share"),
+        (lambda: TrainConfig(rays_max=1), "rays_max"),
+        (lambda: TrainConfig(step_length=float("nan")), "step_length"),
+    ],
+)
+def test_bad_configs_are_named(make_config, name):
+    with pytest.raises(ValueError, match=name):
+        make_config()
+
+
+def test_trainer_refuses_nonsense(dataset):
+    with pytest.raises(ValueError, match="threads"):
+        make(dataset, threads=0)
+    with pytest.raises(ValueError, match="no picture"):
+        make(dataset, held_out=range(12))

@@ -1,0 +1,142 @@
+"""Annealing: equal to the definition, better than greedy, repeatable, below its bound."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from server.planner.annealing import (
+    baseline_sum,
+    greedy,
+    rank_columns,
+    search_arrays,
+    swap_change,
+)
+from server.planner.bound import bound_gap, linear_value, upper_bound
+from server.planner.config import AnnealingConfig
+from server.planner.errors import PlanError
+from server.planner.fitness import FitnessProblem, evaluate, problem_from_table
+from server.planner.placement import PlanProgress, choose, place
+from server.planner.visibility import VisibilityTable
+
+QUICK = AnnealingConfig(swaps=4000, report_every=500)
+
+
+def part_of(problem: FitnessProblem, rows: np.ndarray) -> FitnessProblem:
+    table = problem.table
+    return problem_from_table(
+        [problem.candidates[i] for i in rows],
+        problem.samples,
+        VisibilityTable(table.visible[rows], table.detail_px_per_m2[rows], table.agreement[rows]),
+        problem.config,
+    )
+
+
+@pytest.mark.slow
+def test_a_swap_changes_the_fitness_by_what_the_loop_says(dog_problem: FitnessProblem) -> None:
+    rng = np.random.default_rng(3)
+    for views in (1, 4, 24):
+        arrays = search_arrays(dog_problem, views)
+        for _ in range(20):
+            drawn = rng.choice(len(dog_problem.candidates), views + 1, replace=False)
+            chosen, into, slot = drawn[:views].astype(np.int64), int(drawn[views]), 0
+            slot = int(rng.integers(views))
+            columns = arrays.gain.shape[1]
+            top, second = np.empty(columns), np.empty(columns)
+            owner = np.empty(columns, np.int64)
+            rank_columns(arrays, chosen, top, second, owner)
+            seen = arrays.quality[chosen].sum(axis=0, dtype=float)
+            change = swap_change(arrays, chosen, slot, into, seen, top, second, owner)
+            after = chosen.copy()
+            after[slot] = into
+            expected = (
+                evaluate(dog_problem, after, views)[0] - evaluate(dog_problem, chosen, views)[0]
+            )
+            assert change == pytest.approx(expected, abs=2e-6)
+
+
+@pytest.mark.slow
+def test_annealing_beats_greedy_and_greedy_beats_chance(dog_problem: FitnessProblem) -> None:
+    views = 12
+    start = evaluate(dog_problem, greedy(search_arrays(dog_problem, views), views), views)[0]
+    chosen, stopped = choose(dog_problem, views, AnnealingConfig(), np.random.default_rng(0))
+    assert not stopped
+    rng = np.random.default_rng(5)
+    chance = [
+        evaluate(dog_problem, rng.choice(len(dog_problem.candidates), views, False), views)[0]
+        for _ in range(20)
+    ]
+    assert evaluate(dog_problem, chosen, views)[0] > start > max(chance)
+
+
+@pytest.mark.slow
+def test_annealing_finds_the_best_of_a_small_problem(dog_problem: FitnessProblem) -> None:
+    rows = np.random.default_rng(7).choice(len(dog_problem.candidates), 24, replace=False)
+    small = part_of(dog_problem, rows)
+    best = max(evaluate(small, np.array(c), 3)[0] for c in combinations(range(24), 3))
+    chosen, _ = choose(small, 3, QUICK, np.random.default_rng(0))
+    assert evaluate(small, chosen, 3)[0] == pytest.approx(best, abs=1e-6)
+    bound = upper_bound(small, 3)
+    assert best <= bound.fitness + 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("views", [4, 24])
+def test_no_choice_exceeds_the_bound(dog_problem: FitnessProblem, views: int) -> None:
+    placement = place(dog_problem, views, QUICK, np.random.default_rng(0))
+    bound = upper_bound(dog_problem, views)
+    assert placement.bound == pytest.approx(bound.fitness)
+    assert placement.fitness < bound.fitness
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        chosen = rng.choice(len(dog_problem.candidates), views, replace=False)
+        assert linear_value(dog_problem, chosen, views) <= bound.linear + 1e-9
+    assert bound_gap(dog_problem, greedy(search_arrays(dog_problem, views), views), views) >= 0.0
+
+
+@pytest.mark.slow
+def test_a_seed_repeats_and_no_candidate_is_taken_twice(dog_problem: FitnessProblem) -> None:
+    first, second, other = (
+        choose(dog_problem, 24, QUICK, np.random.default_rng(seed))[0] for seed in (1, 1, 2)
+    )
+    assert first.tolist() == second.tolist()
+    assert sorted(first) != sorted(other)
+    assert len(set(first.tolist())) == 24
+
+
+@pytest.mark.slow
+def test_progress_is_reported_and_cancelling_keeps_the_best(dog_problem: FitnessProblem) -> None:
+    reports: list[PlanProgress] = []
+    chosen, stopped = choose(
+        dog_problem,
+        6,
+        QUICK,
+        np.random.default_rng(0),
+        on_progress=reports.append,
+        cancelled=lambda: len(reports) >= 3,
+    )
+    assert stopped
+    assert [r.iteration for r in reports] == [500, 1000, 1500]
+    assert reports[0].temperature > reports[-1].temperature > 0
+    assert reports[-1].fitness >= reports[0].fitness
+    assert evaluate(dog_problem, chosen, 6)[0] == pytest.approx(reports[-1].fitness, abs=1e-6)
+
+
+def test_neighbours_are_counted_without_oneself(dog_problem: FitnessProblem) -> None:
+    arrays = search_arrays(dog_problem, 1)
+    assert baseline_sum(arrays, np.array([5]), 0, 5) == 0.0
+
+
+def test_too_few_candidates_are_an_error(dog_problem: FitnessProblem) -> None:
+    small = part_of(dog_problem, np.arange(3))
+    with pytest.raises(PlanError, match="3 candidates"):
+        choose(small, 4, QUICK, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="at least one"):
+        choose(small, 0, QUICK, np.random.default_rng(0))
+
+
+def test_all_candidates_chosen_leave_nothing_to_swap(dog_problem: FitnessProblem) -> None:
+    chosen, _ = choose(part_of(dog_problem, np.arange(3)), 3, QUICK, np.random.default_rng(0))
+    assert sorted(chosen.tolist()) == [0, 1, 2]

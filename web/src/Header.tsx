@@ -1,0 +1,113 @@
+import { useConsole, useOperator } from "./context";
+import { Icon } from "./design/Icon";
+import { useNow } from "./design/useNow";
+import { HeldBanner } from "./fly/HeldBanner";
+import { StopBar } from "./fly/StopBar";
+import type { ConsoleState } from "./state/state";
+import { en } from "./text/en";
+
+/** Drones report five times a second; a stream this quiet deserves a word. */
+const SILENT_S = 3;
+
+/** Name, connection, stops, and below them whatever the operator must not overlook. */
+export function Header() {
+  return (
+    <header className="top">
+      <div className="top-line">
+        <div className="brand">
+          <img src="/favicon.svg" alt="" width={32} height={32} />
+          <h1>{en.title}</h1>
+          <ConnectionPill />
+        </div>
+        <StopBar />
+      </div>
+      <HeldBanner />
+      <ConnectionBand />
+      <Alarms />
+    </header>
+  );
+}
+
+function ConnectionPill() {
+  const connection = useConsole((state) => state.connection);
+  const lastMs = useConsole((state) => state.lastMessageMs);
+  const nowMs = useNow(1000);
+  const silentS = lastMs === null ? 0 : Math.floor((nowMs - lastMs) / 1000);
+  const silent = connection.kind === "open" && silentS >= SILENT_S;
+  const { tone, word } = pillFace(connection, silent, silentS);
+  return (
+    <span
+      className={`pill pill-${tone}`}
+      role="status"
+      data-testid="connection"
+      data-state={connection.kind}
+    >
+      {word}
+    </span>
+  );
+}
+
+function pillFace(connection: ConsoleState["connection"], silent: boolean, silentS: number) {
+  const text = en.connection;
+  switch (connection.kind) {
+    case "connecting":
+      return { tone: "busy", word: text.connecting };
+    case "open":
+      return silent
+        ? { tone: "busy", word: text.silent(silentS) }
+        : { tone: "good", word: text.open };
+    case "lost":
+      return { tone: "bad", word: text.lost };
+    case "signed_out":
+      return { tone: "bad", word: text.signedOut };
+  }
+}
+
+function ConnectionBand() {
+  const connection = useConsole((state) => state.connection);
+  const nowMs = useNow(1000);
+  const text = en.connection;
+  if (connection.kind === "signed_out") {
+    return (
+      <div className="band band-bad" role="alert">
+        <Icon name="warning" />
+        <span className="band-text">{text.signedOutText}</span>
+        <a className="button" href="/">
+          {text.signIn}
+        </a>
+      </div>
+    );
+  }
+  if (connection.kind !== "lost") return null;
+  const seconds = Math.max(0, Math.round((nowMs - connection.sinceMs) / 1000));
+  return (
+    <div className="band band-bad" role="alert">
+      <Icon name="warning" />
+      <span className="band-text">{text.lostText}</span>
+      {/* A screen reader shall not say the alert again every second. */}
+      <span className="band-count" aria-hidden="true">
+        {text.lostFor(seconds)}
+      </span>
+    </div>
+  );
+}
+
+function Alarms() {
+  const operator = useOperator();
+  const alarms = useConsole((state) => state.alarms);
+  return alarms.map((alarm) => (
+    <div key={alarm.id} className="band band-alarm" role="alert" data-testid="alarm">
+      <Icon name="error" />
+      <strong className="band-text">{alarm.text}</strong>
+      <button
+        type="button"
+        className="button"
+        onClick={() => {
+          operator.dismissAlarm(alarm.id);
+        }}
+      >
+        {en.dismiss}
+      </button>
+    </div>
+  ));
+}

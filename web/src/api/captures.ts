@@ -1,0 +1,38 @@
+import { request } from "./request";
+
+export type Mode = "optimized" | "standard";
+
+/** What to capture; a field that is left out takes the server's default. */
+export interface CaptureRequest {
+  readonly mode: Mode;
+  readonly drones?: number;
+  readonly pictures: number;
+  readonly train_seconds: number;
+  readonly name: string;
+}
+
+export type CaptureVerb = "pause" | "resume" | "abort";
+
+/** @throws RequestError when it is refused (one capture at a time) or not answered. */
+export async function startCapture(wish: CaptureRequest): Promise<void> {
+  await request("POST", "/captures", wish);
+}
+
+/** @throws RequestError when it is refused or not answered. */
+export async function changeCapture(captureId: string, verb: CaptureVerb): Promise<void> {
+  await request("POST", `/captures/${encodeURIComponent(captureId)}/${verb}`);
+}
+
+/** Return false when the server does not know this browser; true when it does or is silent. */
+export async function isSignedIn(): Promise<boolean> {
+  try {
+    const response = await fetch("/api/v1/captures", {
+      credentials: "same-origin",
+      cache: "no-store",
+      signal: AbortSignal.timeout(3000),
+    });
+    return response.status !== 401;
+  } catch {
+    return true;
+  }
+}

@@ -1,0 +1,98 @@
+import { en } from "../text/en";
+
+/** A request that was not carried out; the text is for the operator. */
+export class RequestError extends Error {
+  override readonly name = "RequestError";
+  /** HTTP status, or null when no answer came. */
+  readonly status: number | null;
+
+  constructor(text: string, status: number | null, options?: ErrorOptions) {
+    super(text, options);
+    this.status = status;
+  }
+}
+
+const ROOT = "/api/v1";
+
+/**
+ * Send a request to the server and return its JSON answer (undefined when the answer is empty).
+ *
+ * @throws RequestError when no answer comes within `timeoutMs` or the answer is a refusal.
+ */
+export async function request(
+  method: "GET" | "POST",
+  path: string,
+  body?: unknown,
+  timeoutMs = 10_000,
+): Promise<unknown> {
+  const response = await answer(method, path, body, timeoutMs);
+  const text = await response.text();
+  if (!response.ok) throw new RequestError(reason(response, text), response.status);
+  return text === "" ? undefined : readJson(text);
+}
+
+async function answer(
+  method: string,
+  path: string,
+  body: unknown,
+  timeoutMs: number,
+): Promise<Response> {
+  try {
+    return await fetch(ROOT + path, {
+      method,
+      credentials: "same-origin",
+      cache: "no-store",
+      // A stop pressed while the page is closing still leaves the browser.
+      keepalive: method === "POST",
+      signal: AbortSignal.timeout(timeoutMs),
+      ...(body === undefined
+        ? {}
+        : { body: JSON.stringify(body), headers: { "Content-Type": "application/json" } }),
+    });
+  } catch (error) {
+    const late = error instanceof DOMException && error.name === "TimeoutError";
+    const text = late ? en.request.late(timeoutMs / 1000) : en.request.unreachable;
+    throw new RequestError(text, null, { cause: error });
+  }
+}
+
+function readJson(text: string): unknown {
+  try {
+    return JSON.parse(text) as unknown;
+  } catch (error) {
+    throw new RequestError(en.request.notJson, null, { cause: error });
+  }
+}
+
+/** The sentence of a problem document (RFC 9457), else the bare status. */
+function reason(response: Response, text: string): string {
+  if (response.status === 401) return en.request.signedOut;
+  const type = response.headers.get("Content-Type") ?? "";
+  if (!type.includes("json")) return en.request.refused(response.status);
+  try {
+    return problemText(JSON.parse(text)) ?? en.request.refused(response.status);
+  } catch {
+    return en.request.refused(response.status);
+  }
+}
+
+/** Return title, detail and field errors of a problem document, or null if it is none. */
+export function problemText(problem: unknown): string | null {
+  if (typeof problem !== "object" || problem === null) return null;
+  const { title, detail, errors } = problem as Record<"title" | "detail" | "errors", unknown>;
+  const parts = [title, detail].filter((part) => typeof part === "string" && part !== "");
+  if (Array.isArray(errors)) {
+    for (const error of errors as unknown[]) {
+      if (typeof error === "string") parts.push(error);
+      else if (typeof error === "object" && error !== null) parts.push(fieldText(error));
+    }
+  }
+  return parts.length === 0 ? null : parts.join(" — ");
+}
+
+function fieldText(error: object): string {
+  const { loc, msg, field, detail } = error as Record<string, unknown>;
+  const place = Array.isArray(loc) ? loc.at(-1) : field;
+  const text = typeof msg === "string" ? msg : typeof detail === "string" ? detail : "";
+  return typeof place === "string" || typeof place === "number" ? `${place}: ${text}` : text;
+}

@@ -1,0 +1,34 @@
+/** Line drawings on a 16 by 16 grid, in the colour of the text around them. */
+const PATHS = {
+  hold: "M5.5 3.5v9 M10.5 3.5v9",
+  land: "M8 2v8 M4.5 6.8 8 10.2l3.5-3.4 M3 13.5h10",
+  cut: "M8 1.8v5 M4.6 4.2a5.4 5.4 0 1 0 6.8 0",
+  takeoff: "M8 10.5v-8 M4.5 5.8 8 2.4l3.5 3.4 M3 13.5h10",
+  rearm: "M13 8a5 5 0 1 1-1.6-3.7 M13.2 1.8v3h-3",
+  fly: "M3.5 4.5h3 M9.5 4.5h3 M5 4.5v2.2h6V4.5 M6 6.7l-1 3.3h6l-1-3.3 M8 10v2",
+  ground: "M2.5 12.5h11 M5 9.5h6 M6.5 9.5V7h3v2.5",
+  offline: "M2.5 2.5l11 11 M4.8 8.6a4.6 4.6 0 0 1 2-1.1 M2.6 6.2a8 8 0 0 1 2.2-1.5 M8.2 4a8 8 0 0 1 5.2 2.2 M8 12.2h.01",
+  play: "M5 3.2v9.6L12.5 8z",
+  pause: "M5.5 3.5v9 M10.5 3.5v9",
+  abort: "M4 4l8 8 M12 4l-8 8",
+  check: "M3.2 8.4l3.2 3.2 6.4-7",
+  info: "M8 7.4v4 M8 4.7h.01 M8 1.8a6.2 6.2 0 1 0 0 12.4A6.2 6.2 0 0 0 8 1.8",
+  warning: "M8 2.2 14.4 13.4H1.6z M8 6.6v3.2 M8 11.6h.01",
+  error: "M5.4 1.8h5.2l3.6 3.6v5.2l-3.6 3.6H5.4l-3.6-3.6V5.4z M8 4.8v4 M8 11h.01",
+  battery: "M2 5h10v6H2z M13.8 7v2",
+  shrink: "M9.5 2.5v4h4 M6.5 13.5v-4h-4 M9.8 6.2l4-4 M6.2 9.8l-4 4",
+  cube: "M8 1.8 13.6 5v6L8 14.2 2.4 11V5z M2.4 5 8 8.2 13.6 5 M8 8.2v6",
+  picture: "M2 3h12v10H2z M2 11l3.5-3.5 3 3 2-2L14 11.5 M10.8 5.8h.01",
+  curve: "M2 2.5v11h12 M4.5 11c1.5-5 4-6 8.5-6.6",
+} as const;
+
+export type IconName = keyof typeof PATHS;
+
+/** A small drawing; it never stands without a word beside it, so it is silent for screen readers. */
+export function Icon({ name }: { readonly name: IconName }) {
+  return (
+    <svg className="icon" viewBox="0 0 16 16" aria-hidden="true" focusable="false">
+      <path d={PATHS[name]} />
+    </svg>
+  );
+}

@@ -1,0 +1,135 @@
+import { useState } from "react";
+import type { DroneCommand } from "../api/drones";
+import { useOperator } from "../context";
+import { ConfirmButton } from "../design/ConfirmButton";
+import { age, withUnit } from "../design/format";
+import { Icon } from "../design/Icon";
+import { useNow } from "../design/useNow";
+import type { DroneReport } from "../protocol/messages.gen";
+import type { DroneState } from "../state/state";
+import { en } from "../text/en";
+import { activityFace } from "./activity";
+
+/** A state report older than this is marked: ten reports a second are normal. */
+const OLD_STATE_S = 1;
+const LOW_BATTERY_PCT = 35;
+const EMPTY_BATTERY_PCT = 20;
+const HOT_C = 85;
+
+/** How one drone is, and what may be asked of it alone; `brief` leaves the numbers out. */
+export function DroneCard({ drone, brief }: { readonly drone: DroneState; readonly brief: boolean }) {
+  const { report } = drone;
+  const face = activityFace(report.activity);
+  return (
+    <div className="card">
+      <div className="card-line">
+        <span className="card-name">{report.name}</span>
+        <span className={`chip chip-${report.held ? "held" : face.tone}`}>
+          <Icon name={report.held ? "hold" : face.icon} />
+          {report.held ? en.held.word : face.word}
+        </span>
+        <Battery percent={report.battery_pct} />
+      </div>
+      {!brief && <Telemetry drone={drone} />}
+      {!brief && <Commands report={report} inAir={face.inAir} />}
+    </div>
+  );
+}
+
+function Battery({ percent }: { readonly percent: number | null }) {
+  const level =
+    percent === null || percent > LOW_BATTERY_PCT ? "" : percent > EMPTY_BATTERY_PCT ? "is-warning" : "is-bad";
+  return (
+    <span className={`battery ${level}`} title={en.fly.telemetry.battery}>
+      <span className="sr-only">{en.fly.telemetry.battery}</span>
+      {level !== "" && <Icon name="warning" />}
+      <span className="battery-body" aria-hidden="true">
+        <span style={{ width: `${percent ?? 0}%` }} />
+      </span>
+      {percent === null ? en.none : `${percent}%`}
+    </span>
+  );
+}
+
+function Telemetry({ drone: { report, receivedMs } }: { readonly drone: DroneState }) {
+  const nowMs = useNow(250);
+  const words = en.fly.telemetry;
+  const stateAgeS =
+    report.state_age_s === null ? null : report.state_age_s + Math.max(0, nowMs - receivedMs) / 1000;
+  const hot = report.temperature_c !== null && report.temperature_c >= HOT_C;
+  return (
+    <dl className="telemetry">
+      <Value word={words.height} value={withUnit(report.height_m, 2, "m")} />
+      <Value word={words.speed} value={withUnit(report.speed_m_s, 2, "m/s")} />
+      <Value word={words.sigma} value={withUnit(report.position_sigma_m, 2, "m")} />
+      <Value word={words.temperature} value={withUnit(report.temperature_c, 0, "°C")} marked={hot} />
+      <Value
+        word={words.stateAge}
+        value={age(stateAgeS)}
+        marked={stateAgeS === null || stateAgeS > OLD_STATE_S}
+      />
+    </dl>
+  );
+}
+
+function Value(props: { readonly word: string; readonly value: string; readonly marked?: boolean }) {
+  return (
+    <div className={props.marked === true ? "is-late" : ""}>
+      <dt>{props.word}</dt>
+      <dd>{props.value}</dd>
+    </div>
+  );
+}
+
+function Commands({ report, inAir }: { readonly report: DroneReport; readonly inAir: boolean }) {
+  const operator = useOperator();
+  const [busy, setBusy] = useState(false);
+  const give = (command: DroneCommand) => {
+    setBusy(true);
+    void operator.command(report.drone_id, command).finally(() => {
+      setBusy(false);
+    });
+  };
+  const offline = report.activity === "offline";
+  return (
+    <div className="card-commands">
+      {report.held ? (
+        <button type="button" className="button button-small" disabled={busy} onClick={() => { give("rearm"); }}>
+          <Icon name="rearm" />
+          {en.fly.command.rearm}
+        </button>
+      ) : (
+        <button type="button" className="button button-small" disabled={offline} onClick={() => { give("hold"); }}>
+          <Icon name="hold" />
+          {en.fly.command.hold}
+        </button>
+      )}
+      {inAir ? (
+        <button type="button" className="button button-small" onClick={() => { give("land"); }}>
+          <Icon name="land" />
+          {en.fly.command.land}
+        </button>
+      ) : (
+        <ConfirmButton
+          className="button-small"
+          disabled={busy || offline || report.held}
+          label={
+            <>
+              <Icon name="takeoff" />
+              {en.fly.command.takeoff}
+            </>
+          }
+          confirm={
+            <>
+              <Icon name="takeoff" />
+              {en.fly.command.confirm}
+            </>
+          }
+          onConfirm={() => {
+            give("takeoff");
+          }}
+        />
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,32 @@
+import { useConsole, useOperator } from "../context";
+import { Icon } from "../design/Icon";
+import { en } from "../text/en";
+
+/** Says which drones are held, and frees them. Nothing is shown while none is. */
+export function HeldBanner() {
+  const operator = useOperator();
+  const drones = useConsole((state) => state.drones);
+  const held = [...drones.values()].map((drone) => drone.report).filter((report) => report.held);
+  const [first] = held;
+  if (first === undefined) return null;
+  const text =
+    held.length === 1
+      ? en.held.one(first.name)
+      : held.length === drones.size
+        ? en.held.all(held.length)
+        : en.held.some(held.map((report) => report.name).join(", "));
+  const rearm = () => {
+    for (const report of held) void operator.command(report.drone_id, "rearm");
+  };
+  return (
+    <div className="band band-held" role="status" data-testid="held-banner">
+      <Icon name="hold" />
+      <strong>{en.held.word}</strong>
+      <span className="band-text">{text}</span>
+      <button type="button" className="button" data-testid="rearm-all" onClick={rearm}>
+        <Icon name="rearm" />
+        {held.length > 1 ? en.held.rearmAll : en.held.rearm}
+      </button>
+    </div>
+  );
+}

@@ -1,0 +1,72 @@
+import { useRef } from "react";
+import { age } from "../design/format";
+import { Icon } from "../design/Icon";
+import type { DroneState } from "../state/state";
+import { en } from "../text/en";
+import { DroneCard } from "./DroneCard";
+import { useTile } from "./useTile";
+
+interface VideoTileProps {
+  readonly drone: DroneState;
+  /** `large` is the one enlarged tile, `small` one beside it, `even` one of equals. */
+  readonly size: "even" | "large" | "small";
+  readonly onToggle: () => void;
+}
+
+/** A picture older than this is greyed. */
+const OLD_S = 1;
+/** A picture older than this is no live video any more. */
+const GONE_S = 3;
+
+/** One drone: its live picture and, below it, how it is. */
+export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
+  const { drone_id: droneId, name, colour } = drone.report;
+  const frame = useRef<HTMLElement>(null);
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const { ageS, shownPerS, damaged } = useTile(droneId, frame, canvas);
+  const gone = ageS === null || ageS > GONE_S;
+  const old = !gone && ageS > OLD_S;
+  return (
+    <article
+      ref={frame}
+      className={`tile tile-${size} ${gone ? "is-gone" : old ? "is-old" : ""} ${drone.report.held ? "is-held" : ""}`}
+      style={{ "--drone": colour } as React.CSSProperties}
+      aria-label={en.fly.tile(name)}
+      data-testid={`tile-${droneId}`}
+    >
+      <button
+        type="button"
+        className="tile-picture"
+        aria-label={size === "large" ? en.fly.unfocus : en.fly.focus(name)}
+        aria-pressed={size === "large"}
+        onClick={onToggle}
+      >
+        <canvas ref={canvas} width={640} height={480} role="img" aria-label={en.fly.video(name)} />
+        {gone && (
+          <span className="tile-gone">
+            <strong>{en.fly.noVideo}</strong>
+            <span>{ageS === null ? en.fly.neverVideo : en.fly.noVideoFor(age(ageS))}</span>
+          </span>
+        )}
+        {!gone && (
+          <span className="tile-stats">
+            {damaged && (
+              <span className="tile-damaged">
+                <Icon name="warning" />
+                {en.fly.damaged}
+              </span>
+            )}
+            <span>{en.fly.fps(shownPerS.toFixed(0))}</span>
+            <span className={old ? "is-late" : ""}>{age(ageS)}</span>
+          </span>
+        )}
+        {size === "large" && (
+          <span className="tile-shrink">
+            <Icon name="shrink" />
+          </span>
+        )}
+      </button>
+      <DroneCard drone={drone} brief={size === "small"} />
+    </article>
+  );
+}

@@ -1,0 +1,26 @@
+import type { IconName } from "../design/Icon";
+import { en } from "../text/en";
+
+interface ActivityFace {
+  readonly word: string;
+  readonly icon: IconName;
+  readonly tone: "calm" | "good" | "busy" | "bad";
+  readonly inAir: boolean;
+}
+
+const FACES: Readonly<Record<string, ActivityFace>> = {
+  // A drone that is not heard of may well be in the air: it can be told to land, not to take off.
+  offline: { word: en.fly.activity.offline, icon: "offline", tone: "bad", inAir: true },
+  ground: { word: en.fly.activity.ground, icon: "ground", tone: "calm", inAir: false },
+  taking_off: { word: en.fly.activity.taking_off, icon: "takeoff", tone: "busy", inAir: true },
+  flying: { word: en.fly.activity.flying, icon: "fly", tone: "good", inAir: true },
+  holding: { word: en.fly.activity.holding, icon: "hold", tone: "busy", inAir: true },
+  landing: { word: en.fly.activity.landing, icon: "land", tone: "busy", inAir: true },
+  cut: { word: en.fly.activity.cut, icon: "cut", tone: "bad", inAir: false },
+};
+
+/** Word, drawing and tone of what a drone is doing. An unknown activity is shown as it is named. */
+export function activityFace(activity: string): ActivityFace {
+  const known = Object.hasOwn(FACES, activity) ? FACES[activity] : undefined;
+  return known ?? { word: activity, icon: "info", tone: "calm", inAir: true };
+}

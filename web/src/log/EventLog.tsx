@@ -1,0 +1,111 @@
+import { useEffect, useRef, useState } from "react";
+import { useConsole } from "../context";
+import { timeOfDay } from "../design/format";
+import { Icon } from "../design/Icon";
+import { Panel } from "../design/Panel";
+import type { LogLine } from "../state/state";
+import { en } from "../text/en";
+
+/** Which lines are shown: this level and the graver ones. */
+type Filter = LogLine["level"];
+
+const GRAVITY: Readonly<Record<Filter, number>> = { info: 0, warning: 1, error: 2 };
+const FILTERS: readonly { readonly filter: Filter; readonly word: string }[] = [
+  { filter: "info", word: en.log.all },
+  { filter: "warning", word: en.log.level.warning },
+  { filter: "error", word: en.log.level.error },
+];
+/** This near to the end counts as being there, pixels. */
+const NEAR_END_PX = 24;
+
+/** What happened, oldest first; follows the newest line until the reader scrolls up. */
+export function EventLog() {
+  const log = useConsole((state) => state.log);
+  const [filter, setFilter] = useState<Filter>("info");
+  const [follow, setFollow] = useState(true);
+  const list = useRef<HTMLOListElement>(null);
+  const lines = log.filter((line) => GRAVITY[line.level] >= GRAVITY[filter]);
+  const newest = lines.at(-1)?.id;
+
+  useEffect(() => {
+    if (follow && list.current !== null) list.current.scrollTop = list.current.scrollHeight;
+  }, [follow, newest]);
+
+  const scrolled = () => {
+    const element = list.current;
+    if (element === null) return;
+    setFollow(element.scrollHeight - element.scrollTop - element.clientHeight < NEAR_END_PX);
+  };
+
+  return (
+    <Panel
+      title={en.log.title}
+      className="log"
+      aside={
+        <>
+          <div className="segments" role="group" aria-label={en.log.filter}>
+            {FILTERS.map((each) => (
+              <button
+                key={each.filter}
+                type="button"
+                aria-pressed={filter === each.filter}
+                onClick={() => {
+                  setFilter(each.filter);
+                }}
+              >
+                {each.word}
+              </button>
+            ))}
+          </div>
+          <label className="follow">
+            <input
+              type="checkbox"
+              checked={follow}
+              onChange={(event) => {
+                setFollow(event.target.checked);
+              }}
+            />
+            {en.log.follow}
+          </label>
+        </>
+      }
+    >
+      <ol
+        ref={list}
+        className="lines"
+        role="log"
+        aria-label={en.log.title}
+        tabIndex={0}
+        onScroll={scrolled}
+      >
+        {lines.length === 0 && <li className="empty">{log.length === 0 ? en.log.empty : en.log.nothing}</li>}
+        {lines.map((line) => (
+          <Line key={line.id} line={line} />
+        ))}
+      </ol>
+    </Panel>
+  );
+}
+
+function Line({ line }: { readonly line: LogLine }) {
+  const drone = useConsole((state) =>
+    line.droneId === null ? undefined : state.drones.get(line.droneId)?.report,
+  );
+  return (
+    <li className={`line is-${line.level}`}>
+      <time dateTime={line.at}>{timeOfDay(line.at)}</time>
+      <span className="line-level">
+        <Icon name={line.level} />
+        {en.log.level[line.level]}
+      </span>
+      <span className="line-text">
+        {drone !== undefined && (
+          <span className="line-drone" style={{ "--drone": drone.colour } as React.CSSProperties}>
+            {drone.name}
+          </span>
+        )}
+        {line.text}
+      </span>
+    </li>
+  );
+}

@@ -1,0 +1,31 @@
+import { StrictMode } from "react";
+import { createRoot } from "react-dom/client";
+import { App } from "./App";
+import { OperatorContext } from "./context";
+import { Operator } from "./operator";
+import "./styles/tokens.css";
+import "./styles/base.css";
+import "./styles/top.css";
+import "./styles/layout.css";
+import "./styles/fly.css";
+import "./styles/mission.css";
+import "./styles/field.css";
+import "./styles/log.css";
+
+const root = document.getElementById("root");
+if (root === null) throw new Error("index.html has no element #root");
+
+const operator = new Operator(location);
+operator.start();
+window.addEventListener("pagehide", (event) => {
+  // A page kept for the back button comes back with its socket; only a page that ends closes it.
+  if (!event.persisted) operator.leave();
+});
+
+createRoot(root).render(
+  <StrictMode>
+    <OperatorContext value={operator}>
+      <App />
+    </OperatorContext>
+  </StrictMode>,
+);

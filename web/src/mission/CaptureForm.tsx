@@ -1,0 +1,154 @@
+import { useId, useState, type FormEvent, type ReactNode } from "react";
+import type { Mode } from "../api/captures";
+import { useConsole, useOperator } from "../context";
+import { Icon } from "../design/Icon";
+import { en } from "../text/en";
+import { FIRST_WISH, LIMITS, requestFromWish, wishErrors, type Wish } from "./wish";
+
+const MODES: readonly Mode[] = ["optimized", "standard"];
+
+/** What to capture next, and the button that starts it. */
+export function CaptureForm() {
+  const operator = useOperator();
+  const droneCount = useConsole((state) => state.drones.size);
+  const [wish, setWish] = useState<Wish>(FIRST_WISH);
+  const [busy, setBusy] = useState(false);
+  const errors = wishErrors(wish);
+  const valid = Object.keys(errors).length === 0;
+  const text = en.mission.form;
+  const change = (part: Partial<Wish>) => {
+    setWish({ ...wish, ...part });
+  };
+  const submit = (event: FormEvent) => {
+    event.preventDefault();
+    if (!valid || busy) return;
+    setBusy(true);
+    void operator.startCapture(requestFromWish(wish)).finally(() => {
+      setBusy(false);
+    });
+  };
+  return (
+    <form className="capture-form" noValidate onSubmit={submit} aria-label={text.title}>
+      <fieldset className="choice">
+        <legend>{text.mode}</legend>
+        {MODES.map((mode) => (
+          <label key={mode}>
+            <input
+              type="radio"
+              name="mode"
+              value={mode}
+              checked={wish.mode === mode}
+              onChange={() => {
+                change({ mode });
+              }}
+            />
+            <span>{en.mission.mode[mode]}</span>
+          </label>
+        ))}
+      </fieldset>
+      <p className="hint">{en.mission.modeDoes[wish.mode]}</p>
+      <div className="form-row">
+        <Field label={text.pictures} error={errors.pictures}>
+          {(props) => (
+            <input
+              {...props}
+              type="number"
+              inputMode="numeric"
+              min={LIMITS.pictures.least}
+              max={LIMITS.pictures.most}
+              value={wish.pictures}
+              onChange={(event) => {
+                change({ pictures: event.target.value });
+              }}
+            />
+          )}
+        </Field>
+        <Field label={text.trainSeconds} error={errors.trainSeconds}>
+          {(props) => (
+            <input
+              {...props}
+              type="number"
+              inputMode="decimal"
+              min={LIMITS.trainSeconds.least}
+              max={LIMITS.trainSeconds.most}
+              value={wish.trainSeconds}
+              onChange={(event) => {
+                change({ trainSeconds: event.target.value });
+              }}
+            />
+          )}
+        </Field>
+        <Field label={text.drones} error={undefined}>
+          {(props) => (
+            <select
+              {...props}
+              value={wish.drones}
+              onChange={(event) => {
+                change({ drones: event.target.value });
+              }}
+            >
+              <option value="">{text.allDrones}</option>
+              {Array.from({ length: droneCount }, (_, index) => (
+                <option key={index} value={index + 1}>
+                  {index + 1}
+                </option>
+              ))}
+            </select>
+          )}
+        </Field>
+      </div>
+      <Field label={text.name} error={errors.name}>
+        {(props) => (
+          <input
+            {...props}
+            type="text"
+            autoComplete="off"
+            spellCheck={false}
+            placeholder={text.namePlaceholder}
+            value={wish.name}
+            onChange={(event) => {
+              change({ name: event.target.value });
+            }}
+          />
+        )}
+      </Field>
+      <button
+        type="submit"
+        className="button button-primary button-wide"
+        data-testid="capture-start"
+        disabled={!valid || busy}
+      >
+        <Icon name="play" />
+        {busy ? text.starting : text.start}
+      </button>
+      <p className="hint hint-centre">{text.takesOff}</p>
+    </form>
+  );
+}
+
+interface FieldProps {
+  readonly label: string;
+  readonly error: string | undefined;
+  readonly children: (props: {
+    id: string;
+    "aria-invalid": boolean;
+    "aria-describedby": string | undefined;
+  }) => ReactNode;
+}
+
+/** A labelled input with its error below it, tied together for screen readers. */
+function Field({ label, error, children }: FieldProps) {
+  const id = useId();
+  const bad = error !== undefined;
+  return (
+    <div className={`field-input ${bad ? "is-bad" : ""}`}>
+      <label htmlFor={id}>{label}</label>
+      {children({ id, "aria-invalid": bad, "aria-describedby": bad ? `${id}-error` : undefined })}
+      {bad && (
+        <span className="field-error" id={`${id}-error`}>
+          {error}
+        </span>
+      )}
+    </div>
+  );
+}

@@ -1,0 +1,46 @@
+import type { ReactNode } from "react";
+import type { Findings } from "../state/state";
+import { en } from "../text/en";
+
+/** What the mission has found out so far: the object, the plan, the poses. */
+export function FindingsList({ findings, run }: { readonly findings: Findings; readonly run: string | null }) {
+  const { seed, plan, planning, poses } = findings;
+  const text = en.mission.findings;
+  const rows: [string, ReactNode][] = [];
+  if (seed !== null) {
+    const size = seed.size.map((metres) => metres.toFixed(2)).join(" × ");
+    rows.push([text.object, text.objectSize(size, seed.boxes, seed.views)]);
+  }
+  if (planning !== null) {
+    const share = planning.iterations === 0 ? 0 : planning.iteration / planning.iterations;
+    rows.push([text.plan, text.planning(Math.round(100 * share))]);
+    rows.push([text.fitness, planning.fitness.toFixed(4)]);
+  } else if (plan !== null) {
+    rows.push([text.plan, text.planFound(plan.viewpoints, plan.candidates)]);
+    rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
+  }
+  if (poses !== null) rows.push([text.poses, text.refined(poses.refined, poses.images)]);
+  if (run !== null && run !== "") rows.push([en.mission.run, <code key="run">{run}</code>]);
+  if (rows.length === 0) return null;
+  return (
+    <dl className="findings">
+      {rows.map(([word, value]) => (
+        <div key={word}>
+          <dt>{word}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}
+
+function PlanFitness({ fitness, bound }: { readonly fitness: number; readonly bound: number | null }) {
+  if (bound === null || bound <= 0) return fitness.toFixed(4);
+  const gap = Math.max(0, (100 * (bound - fitness)) / bound);
+  return (
+    <>
+      {fitness.toFixed(4)}
+      <small> {en.mission.findings.bound(gap.toFixed(1))}</small>
+    </>
+  );
+}

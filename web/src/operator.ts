@@ -1,0 +1,134 @@
+import {
+  changeCapture,
+  isSignedIn,
+  startCapture,
+  type CaptureRequest,
+  type CaptureVerb,
+} from "./api/captures";
+import { commandDrone, type DroneCommand } from "./api/drones";
+import { RequestError } from "./api/request";
+import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
+import { TileHub } from "./fly/tileHub";
+import { ConsoleStream, streamUrl } from "./protocol/stream";
+import type { Note } from "./protocol/messages.gen";
+import { Store } from "./state/store";
+import { en } from "./text/en";
+
+/** The word on each stop's button. */
+export const STOP_WORD: Readonly<Record<Stop, string>> = {
+  hold: en.stop.hold.word,
+  land: en.stop.land.word,
+  cut_motors: en.stop.cut.word,
+};
+
+/** What the page can do, and where its state lives: built once, handed down by context. */
+export class Operator {
+  readonly store = new Store();
+  readonly tiles = new TileHub();
+  readonly #stream: ConsoleStream;
+
+  constructor(page: Pick<Location, "protocol" | "host">) {
+    this.#stream = new ConsoleStream(streamUrl(page), {
+      onOpen: () => {
+        this.store.dispatch({ type: "stream_opened" });
+        this.log("info", en.log.opened);
+      },
+      onLost: () => {
+        if (this.store.get().connection.kind === "open") this.log("warning", en.log.lost);
+        this.store.dispatch({ type: "stream_lost" });
+        void this.#checkSignedIn();
+      },
+      onMessage: (message) => {
+        this.store.dispatch(message);
+      },
+      onTile: (tile) => this.tiles.show(tile),
+      onUnreadable: (reason) => {
+        this.log("warning", en.log.unreadable(reason));
+      },
+    });
+  }
+
+  start(): void {
+    this.#stream.start();
+  }
+
+  leave(): void {
+    this.#stream.stop();
+  }
+
+  /** Have the pictures of these drones sent, and no others. */
+  showVideo(droneIds: readonly string[]): void {
+    this.#stream.showTiles(droneIds);
+  }
+
+  dismissAlarm(id: number): void {
+    this.store.dispatch({ type: "alarm_dismissed", id });
+  }
+
+  log(level: Note["level"], text: string, droneId: string | null = null): void {
+    this.store.dispatch({ type: "logged", at: new Date().toISOString(), level, text, droneId });
+  }
+
+  /** Stop all drones; false, and an alarm, when the server accepted none of the attempts. */
+  async stop(stop: Stop): Promise<boolean> {
+    const word = STOP_WORD[stop];
+    const startMs = performance.now();
+    const accepted = await this.#carryOut(
+      () => stopFleet(stop),
+      (reason) => en.stop.failed(word, STOP_ATTEMPTS, reason),
+    );
+    if (!accepted) return false;
+    if (stop === "hold") this.store.dispatch({ type: "hold_accepted", droneId: null });
+    this.log("info", en.stop.logAccepted(word, Math.round(performance.now() - startMs)));
+    return true;
+  }
+
+  /** Give one drone a command; false, and an alarm, when it was not carried out. */
+  async command(droneId: string, command: DroneCommand): Promise<boolean> {
+    const name = this.store.get().drones.get(droneId)?.report.name ?? droneId;
+    const word = command === "cut_motors" ? en.stop.cut.word : en.fly.command[command];
+    const accepted = await this.#carryOut(
+      () => commandDrone(droneId, command),
+      (reason) => en.fly.command.failed(word, name, reason),
+      droneId,
+    );
+    if (!accepted) return false;
+    if (command === "hold") this.store.dispatch({ type: "hold_accepted", droneId });
+    this.log("info", en.fly.command.sent(word, name), droneId);
+    return true;
+  }
+
+  /** Begin a capture; false, and an alarm, when it did not start. */
+  async startCapture(wish: CaptureRequest): Promise<boolean> {
+    return this.#carryOut(() => startCapture(wish), en.mission.form.failed);
+  }
+
+  /** Pause, resume or abort; false, and an alarm, when it was not carried out. */
+  async changeCapture(captureId: string, verb: CaptureVerb): Promise<boolean> {
+    return this.#carryOut(
+      () => changeCapture(captureId, verb),
+      (reason) => en.mission.verbFailed(en.mission[verb], reason),
+    );
+  }
+
+  async #carryOut(
+    act: () => Promise<void>,
+    failure: (reason: string) => string,
+    droneId: string | null = null,
+  ): Promise<boolean> {
+    try {
+      await act();
+      return true;
+    } catch (error) {
+      if (!(error instanceof RequestError)) throw error;
+      const at = new Date().toISOString();
+      this.store.dispatch({ type: "alarm_raised", at, text: failure(error.message), droneId });
+      return false;
+    }
+  }
+
+  /** A refused handshake looks to a browser like a lost line; an ordinary request tells them apart. */
+  async #checkSignedIn(): Promise<void> {
+    if (!(await isSignedIn())) this.store.dispatch({ type: "signed_out" });
+  }
+}

@@ -1,0 +1,176 @@
+// Generated from server/api/messages.py by `make messages`. Do not edit.
+// Units are SI, times are seconds, `at` is ISO 8601 UTC.
+
+/** One drone as it stands, about five times a second. */
+export interface DroneReport {
+  readonly type: "drone_reported";
+  readonly at: string;
+  readonly drone_id: string;
+  readonly name: string;
+  readonly colour: string;
+  readonly activity: string;
+  readonly held: boolean;
+  readonly battery_pct: number | null;
+  readonly temperature_c: number | null;
+  readonly height_m: number | null;
+  readonly speed_m_s: number | null;
+  readonly state_age_s: number | null;
+  readonly video_age_s: number | null;
+  readonly video_fps: number;
+  readonly position_sigma_m: number | null;
+}
+
+/** The capture as it stands, whenever it changes. */
+export interface CaptureReport {
+  readonly type: "capture_changed";
+  readonly at: string;
+  readonly id: string;
+  readonly state: "queued" | "running" | "paused" | "succeeded" | "failed" | "aborted" | "interrupted";
+  readonly phase: string;
+  readonly progress: number;
+  readonly eta_s: number | null;
+  readonly run: string;
+  readonly error: string | null;
+  readonly mode: string;
+  readonly round_index: number;
+  readonly rounds: number;
+  readonly images: number;
+  readonly images_total: number;
+}
+
+/** A picture is on disk; the thumbnail is a data URL. */
+export interface PictureReport {
+  readonly type: "capture_taken";
+  readonly at: string;
+  readonly index: number;
+  readonly round_index: number;
+  readonly drone_id: string;
+  readonly thumbnail: string;
+}
+
+/** The annealing as it runs. */
+export interface PlanProgress {
+  readonly type: "plan_progressed";
+  readonly at: string;
+  readonly iteration: number;
+  readonly iterations: number;
+  readonly temperature: number;
+  readonly fitness: number;
+}
+
+/** The placement that was chosen; ``bound`` is the most any choice could reach. */
+export interface PlanReport {
+  readonly type: "plan_found";
+  readonly at: string;
+  readonly fitness: number;
+  readonly terms: Readonly<Record<string, number>>;
+  readonly candidates: number;
+  readonly viewpoints: number;
+  readonly bound: number | null;
+}
+
+/** The object's crude geometry: sizes in metres. */
+export interface SeedReport {
+  readonly type: "seed_fitted";
+  readonly at: string;
+  readonly centre: readonly number[];
+  readonly size: readonly number[];
+  readonly boxes: number;
+  readonly views: number;
+}
+
+/** The field's training as it runs. */
+export interface TrainingReport {
+  readonly type: "training_progressed";
+  readonly at: string;
+  readonly stage: string;
+  readonly step: number;
+  readonly seconds: number;
+  readonly seconds_total: number | null;
+  readonly loss: number | null;
+  readonly psnr_db: number | null;
+  readonly held_out_psnr_db: number | null;
+  readonly samples_per_s: number;
+  readonly images: number;
+}
+
+/** How many pictures' poses were refined after the flight. */
+export interface PosesReport {
+  readonly type: "poses_refined";
+  readonly at: string;
+  readonly images: number;
+  readonly refined: number;
+}
+
+/** The newest rendering of the field, as a data URL. */
+export interface PreviewReport {
+  readonly type: "preview_rendered";
+  readonly at: string;
+  readonly image: string;
+}
+
+/** The judgement on held-out pictures. */
+export interface MetricsReport {
+  readonly type: "metrics_measured";
+  readonly at: string;
+  readonly images: number;
+  readonly images_held_out: number;
+  readonly psnr_db: number;
+  readonly ssim: number;
+  readonly flip: number;
+  readonly psnr_db_object: number | null;
+}
+
+/** A line of the event log. */
+export interface Note {
+  readonly type: "noted";
+  readonly at: string;
+  readonly level: "info" | "warning" | "error";
+  readonly text: string;
+  readonly drone_id: string | null;
+}
+
+/** This client was too slow and lost ``events`` messages; later state messages are whole. */
+export interface Missed {
+  readonly type: "missed";
+  readonly events: number;
+}
+
+export type ServerMessage =
+  | DroneReport
+  | CaptureReport
+  | PictureReport
+  | PlanProgress
+  | PlanReport
+  | SeedReport
+  | TrainingReport
+  | PosesReport
+  | PreviewReport
+  | MetricsReport
+  | Note
+  | Missed;
+
+/** Which drones' pictures to send; the others pause. Default: all. */
+export interface ShowTiles {
+  readonly type: "show_tiles";
+  readonly drone_ids: readonly string[];
+}
+
+/** Acknowledges one picture; the next one of that drone is sent only then. */
+export interface TileShown {
+  readonly type: "tile_shown";
+  readonly drone_id: string;
+  readonly sequence: number;
+}
+
+export type ClientMessage =
+  | ShowTiles
+  | TileShown;
+
+/** The header of a binary message; ``age_s`` is the picture's age when it was sent. */
+export interface TileHeader {
+  readonly drone_id: string;
+  readonly sequence: number;
+  readonly age_s: number;
+  readonly damaged: boolean;
+}

@@ -1,0 +1,88 @@
+import { useEffect, useRef, useState } from "react";
+import { useConsole, useOperator } from "../context";
+import { Icon } from "../design/Icon";
+import { Panel } from "../design/Panel";
+import { listenForHold } from "../fly/holdKey";
+import { en } from "../text/en";
+
+const RETRY_MS = 5000;
+
+/**
+ * The 3D scene in its frame.
+ *
+ * A scene that lost its server stays dead until it is loaded again, so the frame is made anew
+ * whenever the stream comes back.
+ */
+export function ScenePanel() {
+  const epoch = useConsole((state) => state.epoch);
+  const [attempt, setAttempt] = useState(0);
+  const [down, setDown] = useState(false);
+  const again = () => {
+    setAttempt((last) => last + 1);
+  };
+  useEffect(() => {
+    if (!down) return;
+    const timer = setTimeout(again, RETRY_MS);
+    return () => {
+      clearTimeout(timer);
+    };
+  }, [down, attempt]);
+  return (
+    <Panel
+      title={en.scene.title}
+      className="scene"
+      aside={
+        <button type="button" className="button button-small button-quiet" onClick={again}>
+          <Icon name="rearm" />
+          {en.scene.reload}
+        </button>
+      }
+    >
+      <div className="scene-body">
+        <SceneFrame key={`${epoch}.${attempt}`} onDown={setDown} />
+        {down && (
+          <div className="scene-down" role="status">
+            <Icon name="cube" />
+            <strong>{en.scene.down}</strong>
+            <span>{en.scene.retrying}</span>
+          </div>
+        )}
+      </div>
+    </Panel>
+  );
+}
+
+function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
+  const operator = useOperator();
+  const frame = useRef<HTMLIFrameElement>(null);
+  const [dark] = useState(() => !matchMedia("(prefers-color-scheme: light)").matches);
+  useEffect(() => {
+    const element = frame.current;
+    if (element === null) return;
+    let forget: (() => void) | undefined;
+    const loaded = () => {
+      forget?.();
+      const inside = element.contentWindow;
+      // An error answer is a page of plain text or JSON, or one that the browser made itself.
+      const isScene = element.contentDocument?.contentType === "text/html";
+      onDown(!isScene);
+      // Keys pressed in the frame do not reach this page, and HOLD must work there too.
+      if (inside !== null && isScene) {
+        forget = listenForHold(inside, () => void operator.stop("hold"));
+      }
+    };
+    element.addEventListener("load", loaded);
+    return () => {
+      element.removeEventListener("load", loaded);
+      forget?.();
+    };
+  }, [onDown, operator]);
+  return (
+    <iframe
+      ref={frame}
+      title={en.scene.frame}
+      src={dark ? "/scene/?darkMode" : "/scene/"}
+      data-testid="scene-frame"
+    />
+  );
+}

@@ -1,0 +1,124 @@
+import type {
+  CaptureReport,
+  DroneReport,
+  MetricsReport,
+  Note,
+  PictureReport,
+  PlanProgress,
+  PlanReport,
+  PosesReport,
+  PreviewReport,
+  SeedReport,
+  ServerMessage,
+  TrainingReport,
+} from "../protocol/messages.gen";
+import type { Step } from "./phases";
+import { EMPTY_SERIES, type QualitySeries } from "./series";
+
+export type Connection =
+  | { readonly kind: "connecting" }
+  | { readonly kind: "open" }
+  | { readonly kind: "lost"; readonly sinceMs: number }
+  /** The server is there and does not know this browser any more. */
+  | { readonly kind: "signed_out" };
+
+/** A drone's newest report and when it came, in milliseconds of this browser's clock. */
+export interface DroneState {
+  readonly report: DroneReport;
+  readonly receivedMs: number;
+}
+
+export interface LogLine {
+  /** Counts lines from 0; never reused. */
+  readonly id: number;
+  readonly at: string;
+  readonly level: Note["level"];
+  readonly text: string;
+  readonly droneId: string | null;
+}
+
+/** Everything known about the capture at hand. */
+export interface Findings {
+  readonly pictures: readonly PictureReport[];
+  readonly planning: PlanProgress | null;
+  readonly plan: PlanReport | null;
+  readonly seed: SeedReport | null;
+  readonly poses: PosesReport | null;
+  readonly training: TrainingReport | null;
+  readonly quality: QualitySeries;
+  readonly preview: PreviewReport | null;
+  readonly metrics: MetricsReport | null;
+}
+
+export interface ConsoleState {
+  readonly connection: Connection;
+  /** Times the socket opened; whatever depends on the server's life starts anew with it. */
+  readonly epoch: number;
+  readonly lastMessageMs: number | null;
+  /** By drone id, in the server's order. */
+  readonly drones: ReadonlyMap<string, DroneState>;
+  readonly capture: CaptureReport | null;
+  /** The furthest step reached, with the time each was entered (ISO 8601). */
+  readonly step: Step | null;
+  readonly stepEntered: Readonly<Partial<Record<Step, string>>>;
+  readonly findings: Findings;
+  /** What the operator asked for and did not get; each stands until it is dismissed. */
+  readonly alarms: readonly LogLine[];
+  readonly log: readonly LogLine[];
+  readonly nextLogId: number;
+}
+
+/** What happens inside the browser, beside what the server says. */
+export type LocalMessage =
+  | { readonly type: "stream_opened" }
+  | { readonly type: "stream_lost" }
+  | { readonly type: "signed_out" }
+  /** The server accepted a hold, for one drone or (null) for all. */
+  | { readonly type: "hold_accepted"; readonly droneId: string | null }
+  | {
+      readonly type: "alarm_raised";
+      readonly at: string;
+      readonly text: string;
+      readonly droneId: string | null;
+    }
+  | { readonly type: "alarm_dismissed"; readonly id: number }
+  | {
+      readonly type: "logged";
+      readonly at: string;
+      readonly level: Note["level"];
+      readonly text: string;
+      readonly droneId: string | null;
+    };
+
+export type Message = ServerMessage | LocalMessage;
+
+export const NO_FINDINGS: Findings = {
+  pictures: [],
+  planning: null,
+  plan: null,
+  seed: null,
+  poses: null,
+  training: null,
+  quality: EMPTY_SERIES,
+  preview: null,
+  metrics: null,
+};
+
+export const INITIAL_STATE: ConsoleState = {
+  connection: { kind: "connecting" },
+  epoch: 0,
+  lastMessageMs: null,
+  drones: new Map(),
+  capture: null,
+  step: null,
+  stepEntered: {},
+  findings: NO_FINDINGS,
+  alarms: [],
+  log: [],
+  nextLogId: 0,
+};
+
+/** True while a capture flies, trains or waits. */
+export function isActive(capture: CaptureReport): boolean {
+  return capture.state === "queued" || capture.state === "running" || capture.state === "paused";
+}
