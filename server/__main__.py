@@ -28,6 +28,7 @@ from server.app import (
     bind_port,
     console,
     flying,
+    real_fleet,
     simulated_fleet,
     stop_signal,
 )
@@ -36,7 +37,6 @@ from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
 from server.store.runs import run_id
-from server.swarm.config import FleetFileError, load_fleet
 from server.terminal import CaptureFollower, TrainingBar, metrics_table
 
 SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
@@ -53,7 +53,7 @@ def main() -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
-    except (StartError, SettingsError, FleetFileError) as error:
+    except (StartError, SettingsError) as error:
         print(f"dronerf: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
@@ -122,7 +122,7 @@ async def _serve(arguments: argparse.Namespace) -> int:
     stop = stop_signal()
     async with AsyncExitStack() as stack:
         if arguments.fleet is not None:
-            fleet_config = load_fleet(arguments.fleet)
+            fleet_config = real_fleet(arguments.fleet)
             sock = bind_port(settings.host, settings.port)
         else:
             sock = bind_port(settings.host, settings.port)
@@ -137,7 +137,7 @@ async def _serve(arguments: argparse.Namespace) -> int:
 
 def sim(arguments: argparse.Namespace) -> int:
     """Run only the simulated Tellos, until interrupted."""
-    command = [sys.executable, "-m", "server.sim.simulator", "--scene", arguments.scene]
+    command = [sys.executable, "-P", "-m", "server.sim.simulator", "--scene", arguments.scene]
     command += ["--drones", str(arguments.drones), "--seed", str(arguments.seed)]
     command += ["--address", arguments.address]
     if arguments.truth is not None:
@@ -228,7 +228,8 @@ async def _train(arguments: argparse.Namespace) -> int:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Run one measurement as a child process."""
-    return subprocess.call([sys.executable, "-m", "server.bench", arguments.name, *arguments.rest])
+    command = [sys.executable, "-P", "-m", "server.bench", arguments.name, *arguments.rest]
+    return subprocess.call(command)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -279,9 +280,7 @@ def _parser() -> argparse.ArgumentParser:
     length.add_argument("--seconds", type=_positive, help="training time (60)")
     length.add_argument("--steps", type=_count, help="training steps instead")
     part.add_argument("--downscale", type=_count, help="divide picture sizes by this")
-    part.add_argument(
-        "--test-every", type=_count, default=8, help="hold out every n-th picture (8)"
-    )
+    part.add_argument("--test-every", type=_count, default=8, help="hold out every n-th (8)")
     part.add_argument("--backend", choices=("numba", "torch"), default="numba")
     part.add_argument("--seed", type=int, default=0)
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")

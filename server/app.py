@@ -24,12 +24,14 @@ from pathlib import Path
 import uvicorn
 
 from server.api.door import Door
+from server.api.serving import uvicorn_config
 from server.api.web import make_web
 from server.mission.control import Control
 from server.mission.events import EventStream
+from server.scene.config import SceneConfig
 from server.scene.scene import SceneView
 from server.settings import Settings
-from server.swarm.config import DroneConfig, FleetConfig
+from server.swarm.config import DroneConfig, FleetConfig, FleetFileError, load_fleet
 from server.swarm.fleet import Fleet
 
 logger = logging.getLogger(__name__)
@@ -77,6 +79,8 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
         arguments += ["--truth", str(wanted.truth)]
     process = await asyncio.create_subprocess_exec(
         sys.executable,
+        # A file of the folder we stand in must never shadow a module.
+        "-P",
         "-m",
         "server.sim.simulator",
         *arguments,
@@ -102,6 +106,14 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
             except TimeoutError:
                 process.kill()
                 await process.wait()
+
+
+def real_fleet(path: Path) -> FleetConfig:
+    """Return the fleet of a fleet file; raises StartError when it cannot be used."""
+    try:
+        return load_fleet(path)
+    except FleetFileError as error:
+        raise StartError(str(error)) from error
 
 
 def _fleet_of(drones: list[dict[str, object]]) -> FleetConfig:
@@ -175,12 +187,14 @@ async def flying(
 ) -> AsyncIterator[tuple[Control, Fleet]]:
     """Open the fleet and the mission control; on the way out every drone lands first."""
     events = EventStream()
-    async with Fleet(fleet_config, settings.safety) as fleet:
-        async with Control(fleet, settings.runs, settings.flight(), events) as control:
-            try:
-                yield control, fleet
-            finally:
-                await land_all(fleet)
+    async with (
+        Fleet(fleet_config, settings.safety) as fleet,
+        Control(fleet, settings.runs, settings.flight(), events) as control,
+    ):
+        try:
+            yield control, fleet
+        finally:
+            await land_all(fleet)
 
 
 async def land_all(fleet: Fleet) -> None:
@@ -204,7 +218,9 @@ async def console(
     async with AsyncExitStack() as stack:
         scene_port = None
         try:
-            scene = SceneView()
+            scene = SceneView(
+                config=SceneConfig(start_radius_m=fleet.config.start_radius_m)
+            )
             await stack.enter_async_context(scene)
             scene_port = scene.port
             follow = asyncio.create_task(scene.follow(control.events), name="scene")
@@ -213,16 +229,13 @@ async def console(
             logger.exception("the 3D scene did not start; everything else works without it")
         token = settings.open_token()
         web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
-        server = _Server(
-            uvicorn.Config(web, log_level="warning", ws_per_message_deflate=False, lifespan="off")
-        )
+        server = _Server(uvicorn_config(web))
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
         host, port = sock.getsockname()
         try:
             yield f"http://{host}:{port}/?token={token}"
         finally:
             server.should_exit = True
-            server.force_exit = True
             await asyncio.wait([serving], timeout=5.0)
 
 
@@ -239,7 +252,7 @@ def stop_signal() -> asyncio.Event:
     def on_signal() -> None:
         if stop.is_set():
             raise SystemExit(1)
-        print("Stopping: landing first. Press again to stop without landing.", file=sys.stderr)
+        logger.warning("stopping: landing first; a second signal stops without landing")
         stop.set()
 
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -35,7 +35,7 @@ class Settings(BaseSettings):
     Attributes:
         host: Address the console listens on.
         port: Its port.
-        token: The secret that opens the console; generated when neither it nor ``token_file`` is set.
+        token: The secret that opens the console; without it and ``token_file`` one is made.
         token_file: A file that holds the token.
         runs: Folder of the run folders.
         mission: Tolerances, waits and counts of the flight.
@@ -64,8 +64,8 @@ class Settings(BaseSettings):
         settings_cls: type[BaseSettings],
         init_settings: PydanticBaseSettingsSource,
         env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,
-        file_secret_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003 - the base class passes it.
+        file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003 - likewise.
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Put the TOML file named by ``DRONERF_CONFIG`` below the environment."""
         sources = [init_settings, env_settings]

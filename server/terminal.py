@@ -25,7 +25,7 @@ _BAR = 24
 
 
 class TrainingBar:
-    """One line on stderr that a training run keeps rewriting; plain lines where it is no terminal."""
+    """One line on stderr that a training keeps rewriting; plain lines where it is no terminal."""
 
     def __init__(self) -> None:
         self._live = sys.stderr.isatty()

@@ -9,8 +9,11 @@ from fastapi import FastAPI
 _WEBSOCKET_LIMIT_BYTES = 64 * 1024 * 1024
 
 
-def uvicorn_config(web: FastAPI, host: str, port: int) -> uvicorn.Config:
+def uvicorn_config(web: FastAPI, host: str = "127.0.0.1", port: int = 0) -> uvicorn.Config:
     """Return the server configuration for ``web`` at ``host`` and ``port`` (0 picks a free one).
+
+    The application needs its lifespan (it follows the event log in it). A server that is given
+    open sockets takes those instead of ``host`` and ``port``.
 
     The access log stays off and uvicorn's logger at warnings: both write query strings, and the
     printed address carries the token in its query string.

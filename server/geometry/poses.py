@@ -65,7 +65,7 @@ def yaw_of_camera(T_world_cam: Array) -> float:
 
 
 def look_at(position_world: Array, target_world: Array) -> Array:
-    """Return the level-horizon ``T_world_cam`` at ``position_world`` that looks at ``target_world``.
+    """Return the ``T_world_cam`` at ``position_world`` that looks at ``target_world``, level.
 
     Raises:
         ValueError: If the two points coincide or the view is straight up or down.

@@ -213,7 +213,7 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
     ]
     begun_s = time.monotonic()
 
-    def on_progress(what: str, share: float) -> None:
+    def on_progress(_what: str, share: float) -> None:
         seconds = time.monotonic() - begun_s
         reporter.emit(
             "progressed",

@@ -1,4 +1,4 @@
-"""What a training tells about itself while it runs: figures once a second, previews now and then."""
+"""What a training tells about itself while it runs: figures and, now and then, a preview."""
 
 from __future__ import annotations
 

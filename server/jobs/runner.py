@@ -109,6 +109,8 @@ class LocalRunner:
         with (folder / "worker.log").open("ab") as log:
             process = await asyncio.create_subprocess_exec(
                 sys.executable,
+                # A file of the folder we stand in must never shadow a module.
+                "-P",
                 "-m",
                 "server.jobs.worker",
                 str(folder),

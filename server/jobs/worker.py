@@ -1,8 +1,8 @@
 """The worker program: ``python -m server.jobs.worker JOB_FOLDER``, the same wherever it runs.
 
 It prints JSON lines on stdout (see ``server.jobs.spec``), logs to stderr, and ends with exit code 0
-after ``done`` or 1 after ``failed``. It stops at its next step when the file ``stop`` appears or the
-process that started it is gone.
+after ``done`` or 1 after ``failed``. It stops at its next step when the file ``stop`` appears or
+the process that started it is gone.
 """
 
 from __future__ import annotations

@@ -241,7 +241,7 @@ class Mission:
         await self._until(self._all_centred, self._config.centre_timeout_s)
 
     async def _look_around(self) -> None:
-        """Take the seed views, four of them 90 degrees apart: in turn with fewer than four drones."""
+        """Take four seed views 90 degrees apart, in turn with fewer than four drones."""
         turns = -(-4 // len(self._drones))
         for turn in range(turns):
             for drone_id in self._drones:

@@ -111,7 +111,8 @@ class _Wing:
         if sight is None or sight.frame.sequence <= self._sequence:
             return
         self._sequence = sight.frame.sequence
-        if sight.box is not None and self.drone.airborne:
+        # Near the floor the object fills the picture or hides behind its edge.
+        if sight.box is not None and self.drone.activity in ("flying", "holding"):
             others = target.estimate(excluding=self.drone.config.id)
             self.filter.observe_box(sight.box, sight.frame.captured_s, others)
             target.observe(self.drone.config.id, self.filter.target_belief())
@@ -144,7 +145,7 @@ class Pilot:
     # -- goals --------------------------------------------------------------------------------
 
     def place_at_start(self, drone_id: str) -> None:
-        """Believe a drone at its start place, unless it has flown: then it stands where it landed."""
+        """Believe a drone at its start place; one that has flown stands where it landed."""
         wing = self._wings[drone_id]
         if not wing.flown:
             wing.place_at_start()

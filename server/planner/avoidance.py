@@ -27,6 +27,9 @@ from server.stages import CameraPose
 
 Array = NDArray[np.float64]
 
+# A drone that wants to move slower than this is as good as at its goal.
+_PARKED_M_S = 0.03
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Agent:
@@ -100,7 +103,7 @@ def avoid(
             soft.append(False)
         normals = np.array([normal for normal, _ in rows])
         offsets = np.array([offset for _, offset in rows])
-        wanted = _with_sidestep(agent, others, index, config)
+        wanted = _with_sidestep(agent, others, obstacles, index, config)
         velocity = nearest_velocity(wanted, normals, offsets, config.speed_max_m_s)
         if velocity is None:
             velocity = least_violating_velocity(
@@ -197,7 +200,8 @@ def _way_out(
     aside = v - t * p
     length = float(np.linalg.norm(aside))
     if length < 1e-9:
-        return _any_normal(p), R * t
+        # Exactly along the axis every side is as near; the mantle leans by the cone's angle.
+        return (np.sqrt(gap) * _any_normal(p) - R * p / np.sqrt(a)) / np.sqrt(a), R * t
     return aside / length, R * t - length
 
 
@@ -218,16 +222,21 @@ def _any_normal(p: Array) -> Array:
 
 
 def _with_sidestep(
-    agent: Agent, others: Sequence[Agent], index: int, config: AvoidanceConfig
+    agent: Agent,
+    others: Sequence[Agent],
+    obstacles: Sequence[Obstacle],
+    index: int,
+    config: AvoidanceConfig,
 ) -> Array:
-    """Return the preferred velocity, turned a little to the right for every drone ahead.
+    """Return the preferred velocity, turned a little aside for every drone ahead.
 
     Reciprocal avoidance is symmetric: drones that meet head-on would brake and stand for ever.
-    All passing on the right resolves it, and the same way every time.
+    All passing on the right resolves it, and the same way every time. A drone that hovers at its
+    goal will not make room, so it is passed on the side away from the object, and with more will.
     """
     wanted = agent.preferred_world
     speed = float(np.linalg.norm(wanted))
-    if speed < 1e-3:
+    if speed < _PARKED_M_S:
         return wanted
     heading = wanted / speed
     right = np.cross(heading, [0.0, 0.0, 1.0])
@@ -240,6 +249,22 @@ def _with_sidestep(
     for other in others:
         towards = other.position_world - agent.position_world
         distance = float(np.linalg.norm(towards))
-        if 1e-9 < distance < reach and float(towards @ heading) > 0.3 * distance:
-            step += config.sidestep * speed * (1.0 - distance / reach) * right
+        if not (1e-9 < distance < reach and float(towards @ heading) > 0.3 * distance):
+            continue
+        will = config.sidestep * speed * (1.0 - distance / reach)
+        if float(np.linalg.norm(other.preferred_world)) < _PARKED_M_S:
+            open_side = right * (1.0 if _away_from(obstacles, other) @ right >= 0.0 else -1.0)
+            step += config.parked_factor * will * open_side
+        else:
+            step += will * right
     return wanted + step
+
+
+def _away_from(obstacles: Sequence[Obstacle], agent: Agent) -> Array:
+    """Return the sum of horizontal unit vectors ``(3,)`` from the obstacles to ``agent``."""
+    total = np.zeros(3)
+    for obstacle in obstacles:
+        away = agent.position_world - obstacle.box.centre
+        away[2] = 0.0
+        total += away / max(float(np.linalg.norm(away)), 1e-9)
+    return total

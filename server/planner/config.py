@@ -261,6 +261,7 @@ class AvoidanceConfig:
         recovery_s: Time in which drones that are already too close shall be apart again.
         speed_max_m_s: Greatest speed.
         sidestep: Share of the speed given to passing on the right of a drone ahead.
+        parked_factor: How many times more of it is given to passing a drone that hovers.
         downwash_factor: How many times the distance is kept vertically.
     """
 
@@ -272,12 +273,13 @@ class AvoidanceConfig:
     recovery_s: float = 0.8
     speed_max_m_s: float = 0.5
     sidestep: float = 0.15
+    parked_factor: float = 5.0
     downwash_factor: float = 2.0
 
     def __post_init__(self) -> None:
         for name in ("radius_m", "horizon_s", "wall_horizon_s", "recovery_s", "speed_max_m_s"):
             _require(getattr(self, name) > 0, name, "positive")
-        for name in ("sigma_factor", "sigma_margin_max_m", "sidestep"):
+        for name in ("sigma_factor", "sigma_margin_max_m", "sidestep", "parked_factor"):
             _require(getattr(self, name) >= 0, name, "at least 0")
         _require(self.downwash_factor >= 1, "downwash_factor", "at least 1")
 

@@ -41,7 +41,7 @@ audio-library-name null
 load-display p3tinydisplay
 aux-display
 notify-level-x11display fatal
-notify-level-display error
+notify-level-display fatal
 support-threads true
 """
 
@@ -182,7 +182,10 @@ class World:
         rows[3, :3] = np.asarray(T_world_cam, float)[:3, 3]
         self._camera.setMat(core.LMatrix4f(*rows.reshape(-1).tolist()))
         self._buffer.setClearColor(core.LVecBase4f(*ground, 1.0))
+        # The engine draws every active buffer of the process: only this one is wanted now.
+        self._buffer.setActive(True)
         _engine.renderFrame()
+        self._buffer.setActive(False)
         height, width = self._picture.getYSize(), self._picture.getXSize()
         data = self._picture.getRamImage()
         pixels = np.frombuffer(data, np.uint8).reshape(height, width, -1)
@@ -199,10 +202,11 @@ def _open_buffer(
         core.loadPrcFileData("", _CONFIG)
         _engine = core.GraphicsEngine()
     selection = core.GraphicsPipeSelection.getGlobalPtr()
-    pipe = None
-    # Counting the pipes loads the configured display module.
-    if selection.getNumPipeTypes() > 0:
-        pipe = selection.makePipe(core.TypeRegistry.ptr().findType("TinyOffscreenGraphicsPipe"))
+    # Counting the pipes loads the display modules. To ask for one that did not load ends the
+    # process, so look for its name first.
+    kinds = [selection.getPipeType(k) for k in range(selection.getNumPipeTypes())]
+    software = [kind for kind in kinds if kind.getName() == "TinyOffscreenGraphicsPipe"]
+    pipe = selection.makePipe(software[0]) if software else None
     if pipe is None:
         raise WorldError(_why_no_pipe())
     wanted = core.FrameBufferProperties()
@@ -218,6 +222,7 @@ def _open_buffer(
         raise WorldError("panda3d's software renderer opened no picture buffer")
     picture = core.Texture("picture")
     buffer.addRenderTexture(picture, core.GraphicsOutput.RTMCopyRam, core.GraphicsOutput.RTPColor)
+    buffer.setActive(False)
     return buffer, picture
 
 

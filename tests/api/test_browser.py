@@ -73,8 +73,9 @@ async def test_sign_in_stop_and_watch(tmp_path: Path, page: Page) -> None:
         assert await page.evaluate(first) == "drone_reported"
 
         await page.goto(console.http + "/scene/")
-        # The viewer draws labels as text: when it stands there, the whole way worked.
-        await page.wait_for_selector("text=drone-1", timeout=30_000)
+        # The viewer lists the nodes it was sent: when it names ours, the whole way worked.
+        await page.wait_for_selector("text=drones", timeout=30_000)
+        await page.wait_for_selector("canvas")
         following.cancel()
         await asyncio.gather(following, return_exceptions=True)
     assert errors == []

@@ -3,9 +3,11 @@
 import asyncio
 import os
 import signal
+from dataclasses import asdict
 
 import pytest
 
+from server.geometry.cameras import TELLO_INTRINSICS
 from server.jobs.runner import JobFailedError, LocalRunner
 from server.jobs.spec import JobSpec
 
@@ -17,7 +19,7 @@ def _plan(**changes) -> JobSpec:
         "outer": ([-0.3, -0.2, 0.0], [0.3, 0.2, 0.4]),
         "boxes": [([-0.3, -0.2, 0.0], [0.3, 0.2, 0.2]), ([-0.2, -0.2, 0.2], [0.3, 0.2, 0.4])],
         "views": 4,
-        "intrinsics": {"width": 960, "height": 720, "fx": 921.0, "fy": 921.0, "cx": 479.5, "cy": 359.5},
+        "intrinsics": asdict(TELLO_INTRINSICS),
         "tilt_rad": 0.2,
         "drones": {"a": (1.8, 0.0, 0.8, 3.1), "b": (-1.8, 0.0, 0.8, 0.0)},
         "rounds": 2,

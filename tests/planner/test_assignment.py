@@ -100,7 +100,7 @@ def test_two_viewpoints_too_close_are_moved_apart_not_given_up() -> None:
 def test_one_above_the_other_needs_more_room() -> None:
     low, high = np.array([2.0, 0.0, 0.5]), np.array([2.0, 0.0, 2.0])
     assert separation(low, high, 2.0) == pytest.approx(0.75)
-    assert separation(low, low + [1.5, 0, 0], 2.0) == pytest.approx(1.5)
+    assert separation(low, np.array([2.0, 1.5, 0.5]), 2.0) == pytest.approx(1.5)
 
 
 def test_no_room_at_all_is_an_error() -> None:

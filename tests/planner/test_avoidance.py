@@ -233,10 +233,22 @@ def test_the_way_round_follows_the_turning_asked_for() -> None:
 
 def test_a_free_way_is_straight_and_slows_down_at_the_goal() -> None:
     start = np.array([2.0, -1.0, 1.0])
-    far, near = start + [0, 2.0, 0], start + [0, 0.1, 0]
+    far, near = np.array([2.0, 1.0, 1.0]), np.array([2.0, -0.9, 1.0])
     np.testing.assert_allclose(
         route_velocity(start, far, OBJECT, CONFIG), [0, CONFIG.tracking.travel_speed_m_s, 0]
     )
     np.testing.assert_allclose(
         route_velocity(start, near, OBJECT, CONFIG), [0, 0.1 * CONFIG.tracking.travel_gain, 0]
     )
+
+
+@pytest.mark.slow
+def test_a_drone_that_hovers_beside_the_object_is_passed_on_the_open_side() -> None:
+    """The right-hand rule alone would push the other drone against the object for ever."""
+    target = box(-0.32, -0.43, 0.0, 0.32, 0.43, 1.0)
+    starts = np.array([[-1.72, 0.9, 0.8], [-0.805, 1.571, 1.18]])
+    goals = np.array([[0.972, 1.069, 0.81], [-0.805, 1.571, 1.18]])
+    ends, nearest, clearance = fly(starts, goals, target, 30.0, sigma_m=0.1)
+    assert np.linalg.norm(ends - goals, axis=1).max() < 0.1
+    assert nearest > 2 * CONFIG.avoidance.radius_m
+    assert clearance > CONFIG.space.standoff_m - 0.05

@@ -32,6 +32,7 @@ def test_the_table_agrees_with_a_mesh_ray_caster(
     mesh = trimesh.util.concatenate(
         [trimesh.creation.box(bounds=np.stack([b.lower, b.upper])) for b in dog.boxes]
     )
+    assert isinstance(mesh, trimesh.Trimesh)
     samples, visible = dog_problem.samples, dog_problem.table.visible
     differing = total = 0
     for index in range(0, len(dog_problem.candidates), 90):

@@ -31,7 +31,7 @@ from server.stages import SeedGeometry
 
 CONFIG = PlannerConfig(annealing=AnnealingConfig(swaps=5000), fitness=FitnessConfig(samples=400))
 POSES = {
-    f"d{i}": pose_at(f"d{i}", *(2.0 * np.array([np.cos(a), np.sin(a)])), 1.0)
+    f"d{i}": pose_at(f"d{i}", 2.0 * np.cos(a), 2.0 * np.sin(a), 1.0)
     for i, a in enumerate(np.arange(4) * np.pi / 2)
 }
 

@@ -136,7 +136,7 @@ def test_the_integral_is_limited() -> None:
     wanted = wanted_view(SEED, VIEW, TELLO_INTRINSICS, TELLO_TILT_RAD)
     tracker = BoxTracker(CONFIG)
     far, near = displaced(left=0.3), displaced()
-    for _ in range(20_000):
+    for _ in range(2_000):
         tracker.update(seen_from(far), far, wanted, 0.5)
     settled = tracker.update(seen_from(near), near, wanted, 1e3)
     assert abs(settled.velocity_m_s[1]) <= CONFIG.roll.integral_limit + 0.05

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -123,6 +126,15 @@ def test_pictures_are_repeatable_and_depend_on_the_pose(dog):
 
 
 @pytest.mark.slow
+def test_two_worlds_live_side_by_side(dog, markers):
+    alone = dog.render(POSES[0])
+    markers.render(POSES[1])
+    np.testing.assert_array_equal(dog.render(POSES[0]), alone)
+    assert magenta(markers.render(POSES[1])).any()
+    assert not magenta(alone).any()
+
+
+@pytest.mark.slow
 def test_other_drones_show_where_they_are_and_vanish_again(dog):
     T = camera_pose(np.array([1.5, 0.0, 0.8]), np.pi, np.deg2rad(12))
     position = np.array([-0.8, 0.4, 0.9])
@@ -172,3 +184,25 @@ def test_distortion_is_refused():
     bent = Intrinsics(960, 720, 921, 921, 479.5, 359.5, (0.1, 0, 0, 0, 0))
     with pytest.raises(ValueError, match="distortion"):
         World(marker_model(), intrinsics=bent)
+
+
+NO_RENDERER = """
+import server.sim.world as world
+from server.sim.scenes.catalogue import load_object
+world._CONFIG = world._CONFIG.replace("p3tinydisplay", "p3_no_such_module")
+try:
+    world.World(load_object("guitar"))
+except world.WorldError as error:
+    print(error)
+"""
+
+
+@pytest.mark.slow
+def test_a_missing_renderer_is_one_line_and_no_crash():
+    """In a process of its own: the display module is loaded once per process."""
+    command = [sys.executable, "-c", NO_RENDERER]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "software renderer" in done.stdout
+    assert len(done.stdout.splitlines()) == 1
+    assert done.stderr == ""

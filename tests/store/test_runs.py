@@ -23,7 +23,14 @@ def _capture(index: int) -> Capture:
     T = camera_pose(np.array([1.5, 0.1 * index, 0.8]), np.pi, 0.2)
     pose = CameraPose("drone-1", 1.0 + index, T, np.diag([0.01, 0.01, 0.01, 0.0025]))
     return Capture(
-        index, 0, pose, TELLO_INTRINSICS, _telemetry(), None, f"images/{index:04d}.jpg", datetime.now(UTC)
+        index,
+        0,
+        pose,
+        TELLO_INTRINSICS,
+        _telemetry(),
+        None,
+        f"images/{index:04d}.jpg",
+        datetime.now(UTC),
     )
 
 
