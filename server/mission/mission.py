@@ -251,7 +251,7 @@ class Mission:
                 await self._until(self._all_centred, self._config.fly_timeout_s)
             await self._add_views()
         try:
-            self._fit_seed()
+            await self._fit_seed()
         except SeedError as error:
             raise StepFailedError(f"the object was not found: {error}") from error
 
@@ -344,8 +344,10 @@ class Mission:
             intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
             self._views.append(View(pose, intrinsics, sight.box, sight.region))
 
-    def _fit_seed(self) -> None:
-        seed = seed_from_views(self._views, self._tools.config.vision.seed)
+    async def _fit_seed(self) -> None:
+        # Carving takes a while; in a thread it never delays a stop.
+        config = self._tools.config.vision.seed
+        seed = await asyncio.to_thread(seed_from_views, tuple(self._views), config)
         self._seed = seed
         self._tools.pilot.seed = seed
         self._tools.events.publish(SeedFitted(seed))

@@ -81,6 +81,8 @@ class TrainConfig:
         rays_min: Fewest rays per step.
         rays_max: Most rays per step.
         step_length: Marching step at the object, scene units; it grows with the distance.
+        step_stretch: Training starts with steps this many times as long and shortens them to
+            ``step_length`` by ``window_until``: more rays while the field is still coarse.
         near_fraction: Rays start at this share of the median camera distance from the object.
         learning_rate: Adam's step for table and MLPs after the warm-up.
         learning_rate_end: Share of ``learning_rate`` left at the end.
@@ -112,8 +114,9 @@ class TrainConfig:
     rays_min: int = 128
     rays_max: int = 16384
     step_length: float = 1.0 / 64.0
+    step_stretch: float = 4.0
     near_fraction: float = 0.2
-    learning_rate: float = 1e-2
+    learning_rate: float = 2e-2
     learning_rate_end: float = 0.03
     warm_up_steps: int = 20
     huber_delta: float = 0.1
@@ -129,7 +132,7 @@ class TrainConfig:
     cut_transmittance: float = 1e-3
     occupancy_cells: int = 128
     occupancy_every: int = 16
-    occupancy_warm_up: int = 32
+    occupancy_warm_up: int = 64
     occupancy_threshold: float = 0.01
 
     def __post_init__(self) -> None:
@@ -158,6 +161,7 @@ class TrainConfig:
             _require(0.0 <= getattr(self, name) <= 1.0, name, "in [0, 1]")
         for name in ("distortion_weight", "exposure_rate", "trust_distance"):
             _require(0.0 <= getattr(self, name) < math.inf, name, "zero or more")
+        _require(1.0 <= self.step_stretch <= 16.0, "step_stretch", "in [1, 16]")
         _require(self.rays_max >= self.rays_min, "rays_max", "at least rays_min")
         _require(1.0 / 512.0 <= self.step_length <= 0.25, "step_length", "in [1/512, 1/4]")
         _require(8 <= self.occupancy_cells <= 256, "occupancy_cells", "8 to 256")

@@ -24,7 +24,7 @@ from server.geometry.cameras import Intrinsics
 
 Array = NDArray[np.float64]
 
-# Number of distortion numbers each accepted model has; the rest of the five are zero.
+# Models that are OpenCV's five-parameter one with some or all numbers zero.
 _MODELS = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"}
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 _TRANSFORMS = "transforms.json"
@@ -94,7 +94,9 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
     if not isinstance(frames, list) or not frames:
         raise DatasetError(f"{folder / _TRANSFORMS} lists no frames")
     if len(frames) < 2:
-        raise DatasetError(f"{folder / _TRANSFORMS} lists one picture only; at least two are needed")
+        raise DatasetError(
+            f"{folder / _TRANSFORMS} lists one picture only; at least two are needed"
+        )
     files = _find_files(folder, frames)
     poses = np.stack([_read_pose(frame, file) for frame, file in zip(frames, files, strict=True)])
     images, masks, cameras = [], [], []
@@ -112,7 +114,13 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
         masks.append(None if mask is None else mask > 127)
         cameras.append(camera)
     return Dataset(
-        folder, tuple(files), tuple(images), tuple(masks), tuple(cameras), poses, _read_box(description)
+        folder,
+        tuple(files),
+        tuple(images),
+        tuple(masks),
+        tuple(cameras),
+        poses,
+        _read_box(description),
     )
 
 
@@ -197,7 +205,9 @@ def _find_files(folder: Path, frames: Sequence[Any]) -> list[Path]:
         files.extend(found[:1])
         missing.extend([] if found else [name])
     if missing:
-        raise DatasetError(f"{len(missing)} of {len(frames)} pictures are missing, first {missing[0]}")
+        raise DatasetError(
+            f"{len(missing)} of {len(frames)} pictures are missing, first {missing[0]}"
+        )
     return files
 
 
@@ -224,7 +234,7 @@ def _read_picture(
     folder: Path, frame: Mapping[str, Any], file: Path
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Return RGB picture and mask; transparency is laid on white and, alone, is the mask."""
-    raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    raw: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise DatasetError(f"picture {file} cannot be read")
     if raw.dtype != np.uint8:
@@ -259,10 +269,7 @@ def _read_intrinsics(values: Mapping[str, Any], width: int, height: int, file: P
             fx = 0.5 * w / float(np.tan(0.5 * float(values["camera_angle_x"])))
         else:
             raise DatasetError(f"{file.name} has neither fl_x nor camera_angle_x")
-        if "fl_y" in values:
-            fy = float(values["fl_y"])
-        else:
-            fy = fx
+        fy = float(values.get("fl_y", fx))
         cx, cy = float(values.get("cx", w / 2.0)), float(values.get("cy", h / 2.0))
         names = () if model.endswith("PINHOLE") else ("k1", "k2", "p1", "p2", "k3")
         k1, k2, p1, p2, k3 = (

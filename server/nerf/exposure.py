@@ -1,4 +1,4 @@
-"""One small gain per picture and colour channel, so that exposure changes do not become geometry."""
+"""One small gain per picture and channel, so that exposure changes do not become geometry."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, cast
 
 import flip_evaluator
 import numpy as np
@@ -74,10 +75,12 @@ def ssim(image: Image, reference: Image) -> float:
 
 def flip(image: Image, reference: Image) -> float:
     """Return the mean FLIP error (Andersson et al. 2020) at the evaluator's default distance."""
-    _, mean, _ = flip_evaluator.evaluate(
+    # The evaluator returns the error picture, its mean, and the parameters used.
+    evaluate = cast(Any, flip_evaluator.evaluate)
+    result = evaluate(
         np.ascontiguousarray(reference, np.float32), np.ascontiguousarray(image, np.float32), "LDR"
     )
-    return float(mean)
+    return float(result[1])
 
 
 def score_picture(

@@ -54,7 +54,14 @@ class NumbaBackend:
         self._encode(points, self._window(open_levels))
         p = self._parameters
         densities_forward(
-            self._features, count, p.density_1, p.density_2, self._bias, self._top, sigmas, self._chunks
+            self._features,
+            count,
+            p.density_1,
+            p.density_2,
+            self._bias,
+            self._top,
+            sigmas,
+            self._chunks,
         )
         return sigmas
 
@@ -88,8 +95,8 @@ class NumbaBackend:
         sums = np.empty((self._chunks, 2))
         loss_gradients(
             rays.starts, sigmas, rgbs, rays.ss, rays.trusts, np.float32(rays.step), rays.backdrops,
-            rays.targets, gains, rays.pictures, np.float32(train.huber_delta), np.float32(train.distortion_weight),
-            weights, dsigmas, drgbs, self.gain_grads, sums,
+            rays.targets, gains, rays.pictures, np.float32(train.huber_delta),
+            np.float32(train.distortion_weight), weights, dsigmas, drgbs, self.gain_grads, sums,
         )  # fmt: skip
         if len(self._features_grad) < len(self._features):
             self._features_grad = np.empty_like(self._features)
@@ -100,9 +107,7 @@ class NumbaBackend:
             self._features_grad, g["density_1"], g["density_2"], g["colour_1"], g["colour_2"],
             g["colour_3"],
         )  # fmt: skip
-        encode_backward(
-            rays.points, count, self._layout, window, self._features_grad, g["table"]
-        )
+        encode_backward(rays.points, count, self._layout, window, self._features_grad, g["table"])
         loss, square = sums.sum(axis=0) / number
         return float(loss), float(square / 3.0)
 
@@ -115,5 +120,11 @@ class NumbaBackend:
         if len(self._features) < blocks:
             self._features = np.empty((blocks, *self._features.shape[1:]), np.float32)
         encode_forward(
-            points, len(points), self._parameters.table, self._layout, window, self._features, self._chunks
+            points,
+            len(points),
+            self._parameters.table,
+            self._layout,
+            window,
+            self._features,
+            self._chunks,
         )

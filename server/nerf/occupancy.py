@@ -71,9 +71,7 @@ class OccupancyGrid:
         threshold = min(self._threshold, float(self._memory[self._seen].mean()))
         self.occupied = (self._memory > threshold).reshape((self._cells,) * 3)
 
-    def _points_in(
-        self, cells: NDArray[np.int64], rng: np.random.Generator
-    ) -> NDArray[np.float32]:
+    def _points_in(self, cells: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float32]:
         """Return one random point ``u`` ``(n, 3)`` in each of ``cells``."""
         corner = np.stack(np.unravel_index(cells, (self._cells,) * 3), axis=1)
         return ((corner + rng.random(corner.shape)) / self._cells).astype(np.float32)

@@ -35,6 +35,10 @@ _ROUNDS = 8  # Re-weighting has settled to below a millimetre by then.
 _PER_DRONE = 4  # Unknowns per drone: offset (3) and turn.
 
 
+class ScaleUnknownError(ValueError):
+    """A model whose cameras stand too close together for their beliefs to tell its scale."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Beliefs:
     """What the flight believed about some pictures.
@@ -76,7 +80,7 @@ def _first_guess(T_model_cam: Array, beliefs: Beliefs) -> Similarity:
     """Return a similarity good to a few degrees and per cent: rotations first, then distances.
 
     Raises:
-        ValueError: If the camera centres are too close together to tell the scale.
+        ScaleUnknownError: If the camera centres are too close together to tell the scale.
     """
     x, c = T_model_cam[:, :3, 3], beliefs.T_world_cam[:, :3, 3]
     R = _mean_rotation(
@@ -85,7 +89,7 @@ def _first_guess(T_model_cam: Array, beliefs: Beliefs) -> Similarity:
     spread = float(np.sqrt(((c - c.mean(0)) ** 2).sum(1).mean()))
     spread_model = float(np.sqrt(((x - x.mean(0)) ** 2).sum(1).mean()))
     if spread < float(np.median(beliefs.sigma_m)) or spread_model < 1e-9:
-        raise ValueError("the camera centres are too close together to tell the scale")
+        raise ScaleUnknownError("the camera centres are too close together to tell the scale")
     i, j = np.triu_indices(len(x), 1)
     d_model = np.linalg.norm(x[i] - x[j], axis=1)
     d_world = np.linalg.norm(c[i] - c[j], axis=1)
@@ -93,7 +97,7 @@ def _first_guess(T_model_cam: Array, beliefs: Beliefs) -> Similarity:
     far = d_model >= np.quantile(d_model, 0.5)
     scale = float(np.median(d_world[far] / np.maximum(d_model[far], 1e-12)))
     if scale <= 1e-9:
-        raise ValueError("the believed camera centres coincide, the scale is unknown")
+        raise ScaleUnknownError("the believed camera centres coincide")
     return Similarity(scale, R, np.median(c - scale * x @ R.T, axis=0))
 
 
@@ -137,7 +141,7 @@ class _Problem:
             [np.bincount(self._drone, y[:, a], self.drones) / self._counts for a in range(3)],
             axis=1,
         )[self._drone]
-        Rz = Rotation.from_euler("z", turn[self._drone])
+        Rz = Rotation.from_rotvec(turn[self._drone, None] * [0.0, 0.0, 1.0])
         centres = pivot + Rz.apply(y - pivot) + offset[self._drone]
         R_error = self._P * (Rz * Rotation.from_matrix(similarity.R) * self._R_model).inv()
         of_pictures = np.concatenate(
@@ -166,8 +170,8 @@ def align_to_beliefs(T_model_cam: Array, beliefs: Beliefs, config: PoseConfig) -
         config: Spreads of the errors.
 
     Raises:
-        ValueError: With fewer than three pictures, or when the centres are too close together to
-            tell the scale.
+        ValueError: With fewer than three pictures.
+        ScaleUnknownError: When the centres are too close together to tell the scale.
     """
     if len(T_model_cam) < 3:
         raise ValueError("aligning a model needs at least three pictures")

@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
-from server.nerf.pose_alignment import Beliefs, align_to_beliefs, carry_corrections
+from server.nerf.pose_alignment import (
+    Beliefs,
+    ScaleUnknownError,
+    align_to_beliefs,
+    carry_corrections,
+)
 from server.nerf.pose_config import PoseConfig
 from server.nerf.pose_mapping import Mapper, Model, PosesStoppedError
 from server.nerf.pose_pairs import choose_pairs
@@ -198,7 +203,7 @@ def _carry(
             continue
         try:
             similarity = align_to_beliefs(model.T_model_cam, now.subset(model.indices), config)
-        except ValueError:
+        except ScaleUnknownError:
             # A model without extent (a hovering drone) tells nothing about scale or place.
             continue
         T_carried = T_best.copy()

@@ -98,9 +98,7 @@ def sample_rays(
     """
     rays = len(origins)
     states = np.empty((rays, 2), np.float32)
-    start_rays(
-        origins, directions, np.float32(near), jitters, np.float32(step), states
-    )
+    start_rays(origins, directions, np.float32(near), jitters, np.float32(step), states)
     light = np.ones(rays, np.float32)
     kept_of_rays = np.zeros(rays, np.int64)
     waves: list[_Wave] = []
@@ -108,7 +106,10 @@ def sample_rays(
     while len(active):
         slots = _WAVE_SLOTS[min(len(waves), len(_WAVE_SLOTS) - 1)]
         slots = max(8, min(slots, _WAVE_POINTS // len(active)))
-        ts, ss = np.empty((len(active), slots), np.float32), np.empty((len(active), slots), np.float32)
+        ts, ss = (
+            np.empty((len(active), slots), np.float32),
+            np.empty((len(active), slots), np.float32),
+        )
         counts = np.empty(len(active), np.int64)
         march(
             origins, directions, active, states, np.float32(step), occupied, ts, ss, counts, chunks

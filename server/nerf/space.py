@@ -1,7 +1,7 @@
 """The scene cube: an unbounded room folded into a cube with the object in the middle.
 
 Symbols: ``x`` is a point in scene units, ``x = (p_world - centre) / half_size``; the object's cube
-is ``|x| <= 1`` with ``|.|`` the largest coordinate. ``u`` in ``[0, 1]^3`` is what the encoding sees.
+is ``|x| <= 1``, ``|.|`` being the largest coordinate. The encoding sees ``u`` in ``[0, 1]^3``.
 
 The contraction is that of mip-NeRF 360 (Barron et al. 2022, equation 10) in the largest-coordinate
 norm, so that the folded space is a cube: ``c(x) = x`` inside and ``(2 - 1/|x|) x/|x|`` outside,

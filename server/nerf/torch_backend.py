@@ -37,7 +37,9 @@ class TorchBackend:
     def __init__(self, config: FieldConfig, parameters: FieldParameters, pictures: int) -> None:
         self._config = config
         self._parameters = parameters
-        self.grads = {name: np.zeros((1, *a.shape), np.float32) for name, a in parameters.named().items()}
+        self.grads = {
+            name: np.zeros((1, *a.shape), np.float32) for name, a in parameters.named().items()
+        }
         self.gain_grads = np.zeros((1, pictures, 3), np.float32)
 
     def densities(self, points: FloatArray, open_levels: float) -> FloatArray:
@@ -90,7 +92,9 @@ class TorchBackend:
         gain = torch.from_numpy(gains) * torch.exp(log_gains)
         error = pixels * gain[torch.from_numpy(rays.pictures)] - torch.from_numpy(rays.targets)
         spread = distortion_of(weights, torch.from_numpy(rays.ss), starts, ray_ids, rays.step)
-        loss = huber(error, train.huber_delta).sum(1).mean() + train.distortion_weight * spread.mean()
+        loss = (
+            huber(error, train.huber_delta).sum(1).mean() + train.distortion_weight * spread.mean()
+        )
         loss.backward()
         for name, tensor in tensors.items():
             if tensor.grad is not None:

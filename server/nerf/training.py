@@ -34,6 +34,8 @@ from server.stages import Metrics
 Array = NDArray[np.float64]
 FloatArray = NDArray[np.float32]
 
+# What numba may use at most, asked before anything lowers it.
+_CORES = numba.get_num_threads()
 # Rays rendered at once; their samples fit the second-level cache.
 _RENDER_RAYS = 8192
 # Pixels beyond this share of the light are not worth a colour in a rendering.
@@ -148,7 +150,7 @@ class Trainer:
 
     def use_threads(self, threads: int) -> None:
         """Compute on ``threads`` cores from now on; results do not depend on it."""
-        numba.set_num_threads(max(1, min(threads, numba.config.NUMBA_NUM_THREADS)))
+        numba.set_num_threads(max(1, min(threads, _CORES)))
         torch.set_num_threads(max(1, threads))
 
     def use_pictures(self, indices: Sequence[int]) -> None:
@@ -175,7 +177,7 @@ class Trainer:
         """Take one training step."""
         began = time.monotonic()
         batch = self._source.draw(self._rays, self._rng)
-        open_levels = self._open_levels()
+        open_levels, length = self._open_levels(), self._step_length()
         samples = sample_rays(
             self._backend,
             self._occupancy.occupied,
@@ -183,7 +185,7 @@ class Trainer:
             batch.directions,
             self._rng.random(self._rays, dtype=np.float32),
             near=self._near,
-            step=self._train.step_length,
+            step=length,
             open_levels=open_levels,
             transmittance=self._train.cut_transmittance,
             least_weight=0.0,
@@ -197,7 +199,7 @@ class Trainer:
                 ss=samples.ss,
                 ray_ids=samples.ray_ids,
                 trusts=self._trusts(samples.ts),
-                step=self._train.step_length,
+                step=length,
                 harmonics=spherical_harmonics(batch.directions, self._field.sh_degree),
                 backdrops=self._backdrops(),
                 targets=batch.targets,
@@ -300,7 +302,7 @@ class Trainer:
         poses = T_world_cam_override or {}
         scores: list[PictureScore] = []
         for index in indices:
-            pose = poses.get(index, self.dataset.T_world_cam[index])
+            pose = poses[index] if index in poses else self.dataset.T_world_cam[index]
             shown = self.render(self.dataset.intrinsics[index], pose).rgb
             reference = self.dataset.images[index].astype(np.float32) / np.float32(255.0)
             scores.append(score_picture(index, shown, reference, self.dataset.masks[index]))
@@ -318,13 +320,13 @@ class Trainer:
         }
         draft = path.with_name(path.name + ".part")
         with draft.open("wb") as stream:
-            np.savez(
-                stream,
-                about=np.array(json.dumps(about)),
-                log_gains=self._exposure.log_gains,
+            arrays = {
+                "about": np.array(json.dumps(about)),
+                "log_gains": self._exposure.log_gains,
                 **self._occupancy.state(),
                 **self._parameters.named(),
-            )
+            }
+            np.savez(stream, allow_pickle=False, **arrays)
         draft.replace(path)
 
     @classmethod
@@ -378,6 +380,11 @@ class Trainer:
         start = min(self._train.window_start, levels)
         return start + (levels - start) * share
 
+    def _step_length(self) -> float:
+        """Return the marching step of training now, path units."""
+        share = min(self._progress / max(self._train.window_until, 1e-9), 1.0)
+        return self._train.step_length * self._train.step_stretch ** (1.0 - share)
+
     def _densities(self, points: FloatArray) -> FloatArray:
         return self._backend.densities(points, self._open_levels())
 
@@ -392,7 +399,8 @@ class Trainer:
         """Return the colours ``(rays, 3)`` behind everything for one step."""
         noise = np.float32(self._train.background_noise)
         random = self._rng.random((self._rays, 3), dtype=np.float32)
-        return noise * random + (np.float32(1.0) - noise) * self._background
+        backdrops = noise * random + (np.float32(1.0) - noise) * self._background
+        return backdrops.astype(np.float32)
 
     def _adapt(self, samples: int) -> None:
         """Set the next number of rays by the samples of this one; refresh the grid when due."""
@@ -424,6 +432,4 @@ class Trainer:
     def _shade(self, samples: Samples, harmonics: FloatArray) -> tuple[FloatArray, FloatArray]:
         if len(samples.points) == 0:
             return np.empty(0, np.float32), np.empty((0, 3), np.float32)
-        return self._backend.shade(
-            samples.points, harmonics, samples.ray_ids, self._open_levels()
-        )
+        return self._backend.shade(samples.points, harmonics, samples.ray_ids, self._open_levels())

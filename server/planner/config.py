@@ -27,9 +27,9 @@ class FlightSpace:
         downwash_factor: How many times the separation two drones keep when one is above the other.
     """
 
-    fence_radius_m: float = 5.0
-    floor_m: float = 0.3
-    ceiling_m: float = 2.5
+    fence_radius_m: float = 4.2
+    floor_m: float = 0.45
+    ceiling_m: float = 2.0
     standoff_m: float = 0.7
     separation_m: float = 1.0
     downwash_factor: float = 2.0
@@ -70,11 +70,11 @@ class CandidateConfig:
         margin: Share of the frame that stays free around the whole object.
     """
 
-    radius_factors: tuple[float, ...] = (1.0, 1.2, 1.5)
+    radius_factors: tuple[float, ...] = (1.0, 1.15, 1.35)
     heights: int = 7
     azimuths: int = 48
     minimum: int = 600
-    margin: float = 0.03
+    margin: float = 0.07
 
     def __post_init__(self) -> None:
         _require(len(self.radius_factors) > 0, "radius_factors", "non-empty")
@@ -305,3 +305,17 @@ class PlannerConfig:
     annealing: AnnealingConfig = field(default_factory=AnnealingConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
+
+    def __post_init__(self) -> None:
+        widest = 2.0 * (self.avoidance.radius_m + self.avoidance.sigma_margin_max_m)
+        # Else two drones could be sent to viewpoints that avoidance never lets them reach.
+        _require(
+            widest <= self.space.separation_m + 1e-9,
+            "avoidance.radius_m + avoidance.sigma_margin_max_m",
+            "at most half of space.separation_m",
+        )
+        _require(
+            self.avoidance.downwash_factor <= self.space.downwash_factor,
+            "avoidance.downwash_factor",
+            "at most space.downwash_factor",
+        )

@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
 from server.stages import CameraPose, SeedGeometry
+from server.vision.ground import ground_seen
 from server.vision.localization import TargetEstimate
 from server.vision.region import RegionPrior
 
 # A box's centroid differs from the projection of the object's centre by this share of its size.
 _CENTROID_SHARE = 0.15
 _SMALLEST_SIGMA_PX = 20.0
+# Half the extent of an object of unknown size, and how far beyond it the floor is surely free.
+_UNKNOWN_EXTENT_M = 0.4
+_CLEAR_M = 3.0
 
 
 def expected_region(
@@ -40,7 +44,10 @@ def expected_region(
     sigma = intrinsics.fx * np.hypot(spread_m / depth_m, yaw_sigma)
     if size is not None:
         sigma = np.hypot(sigma, _CENTROID_SHARE * float(size.max()))
-    return RegionPrior(pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), size)
+    distance_m = float(np.hypot(*(centre - pose.position_world)[:2]))
+    extent_m = _UNKNOWN_EXTENT_M if seed is None else 0.5 * float(np.hypot(*seed.outer.size[:2]))
+    ground = ground_seen(pose, distance_m, extent_m + 2.0 * spread_m, _CLEAR_M, intrinsics)
+    return RegionPrior(pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), size, ground)
 
 
 def _expected_size(

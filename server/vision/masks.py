@@ -78,7 +78,8 @@ def lab_bins(image_bgr: Image, bins: int) -> NDArray[np.intp]:
     return ((L * bins + a) * bins + b).astype(np.intp)
 
 
-def _histogram(bins_lab: NDArray[np.intp], weights: Array32, bins: int) -> Array32:
+def colour_histogram(bins_lab: NDArray[np.intp], weights: Array32, bins: int) -> Array32:
+    """Return the smoothed, normalised Lab histogram ``(b, b, b)`` of weighted pixels."""
     counts = np.bincount(bins_lab.ravel(), weights=weights.ravel(), minlength=bins**3)
     cube = counts.reshape(bins, bins, bins).astype(np.float32)
     for axis in range(3):  # A [1 2 1] / 4 blur along each axis: neighbouring colours are alike.
@@ -92,7 +93,7 @@ def learn_colours(
     bins_lab: NDArray[np.intp], inside: Array32, outside: Array32, bins: int
 ) -> ColourModel:
     """Return the colour model from weights ``(h, w)`` of object and of surroundings."""
-    on, off = _histogram(bins_lab, inside, bins), _histogram(bins_lab, outside, bins)
+    on, off = colour_histogram(bins_lab, inside, bins), colour_histogram(bins_lab, outside, bins)
     separation = 1.0 - float(np.minimum(on, off).sum())
     # Evenness over the colours in use, not over the cube: most of Lab never occurs.
     used = (on > 1e-6) | (off > 1e-6)

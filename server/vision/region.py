@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from server.stages import Box, Frame, Region
 from server.vision.box import box_from_region
 from server.vision.config import RegionConfig
+from server.vision.ground import Ground, floor_evidence, foot_factor, grow_up
 from server.vision.masks import (
     ColourModel,
     Mask,
@@ -27,7 +28,14 @@ from server.vision.masks import (
     learn_colours,
     surroundings,
 )
-from server.vision.scale_space import Blob, find_blobs, lab_float, log_stack, scales
+from server.vision.scale_space import (
+    Blob,
+    evidence_stack,
+    find_blobs,
+    lab_float,
+    log_stack,
+    scales,
+)
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -41,11 +49,13 @@ class RegionPrior:
         centre_px: ``(2,)`` expected x, y of its centre, full-picture pixels; may lie outside.
         sigma_px: Standard deviation of that, full-picture pixels.
         size_px: ``(2,)`` expected width and height of its box, or None when not yet known.
+        ground: Where free floor is and where the object's foot can be, None when unknown.
     """
 
     centre_px: Array
     sigma_px: float
     size_px: Array | None = None
+    ground: Ground | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,6 +162,109 @@ def _mask_from_blob(
 
 
 def _search(work: _Work, config: RegionConfig, refine: bool) -> tuple[Region, ColourModel] | None:
+    """Search on the floor where the camera sees enough of it, else in the picture's own colours."""
+    if work.prior.ground is not None:
+        return _search_on_floor(work, work.prior.ground, config, refine)
+    return _search_in_colours(work, config, refine)
+
+
+def _search_on_floor(
+    work: _Work, ground: Ground, config: RegionConfig, refine: bool
+) -> tuple[Region, ColourModel] | None:
+    """Return the largest region of what does not look like floor where only floor can be behind.
+
+    Equations 1-3 are applied to the map of evidence against floor; each maximum proposes a mask,
+    and the largest, most surprising one at the right place with its foot on the floor wins.
+    """
+    centre, reach = work.prior.centre_px / work.scale, work.prior.sigma_px / work.scale
+    y, x = np.ogrid[: work.shape[0], : work.shape[1]]
+    half = reach if work.prior.size_px is None else 0.6 * work.prior.size_px[0] / work.scale
+    across = ((x - centre[0]) / (reach + half)) ** 2 + np.zeros_like(y)
+    away = (1.0 - np.exp(-0.5 * across) + 0.03).astype(np.float32)
+    evidence = floor_evidence(work.bins_lab, config.histogram_bins, ground, work.scale, away)
+    strength = np.clip(evidence, 0.0, 3.0) * np.exp(-0.25 * across)
+    sigmas = scales(config)
+    blobs = find_blobs(evidence_stack(strength.astype(np.float32), sigmas), sigmas, 0.1)
+    opened = cv2.morphologyEx(
+        (evidence > 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)
+    ).astype(bool)
+    window = _known_window(work)
+    if window is not None:
+        opened &= window.radius(work.shape) < 1.0
+    best: tuple[float, Mask, Blob] | None = None
+    for blob in blobs[: config.candidates]:
+        radius = np.sqrt(2.0) * blob.sigma_px
+        near = (abs(x - blob.x_px) < 3.0 * radius + 4) & (abs(y - blob.y_px) < 3.5 * radius + 6)
+        mask = keep_object(opened & near, blob.x_px, blob.y_px, radius)
+        if mask.sum() < config.min_area_share * mask.size:
+            continue
+        score = _floor_score(mask, evidence, ground, work, config)
+        if best is None or score > best[0]:
+            best = score, mask, blob
+    if best is None:
+        return None
+    _, mask, blob = best
+    mask = grow_up(mask, work.bins_lab, config.histogram_bins, ground, work.scale)
+    if window is not None:
+        mask &= window.radius(work.shape) < 1.0
+    if refine:
+        mask = _refined(mask, window, work, config)
+    confidence, model = _confidence(mask, work, config)
+    confidence *= foot_factor(mask, ground, work.scale)
+    if confidence < config.min_confidence:
+        return None
+    region = _region(mask, blob.response, confidence, work.scale)
+    maximum = (np.array([blob.x_px, blob.y_px]) + 0.5) * work.scale - 0.5
+    return replace(region, centre_px=maximum, sigma_px=blob.sigma_px * work.scale), model
+
+
+def _floor_score(
+    mask: Mask,
+    evidence: NDArray[np.float32],
+    ground: Ground,
+    work: _Work,
+    config: RegionConfig,
+) -> float:
+    """Return size^k times evidence, less where place, foot or extent do not fit the object."""
+    columns = np.nonzero(mask.any(axis=0))[0]
+    width = float(columns[-1] - columns[0])
+    reach = work.prior.sigma_px / work.scale + 0.25 * width
+    off = (float(np.nonzero(mask)[1].mean()) - work.prior.centre_px[0] / work.scale) / reach
+    score = float(mask.sum()) ** config.size_exponent * float(evidence[mask].mean())
+    score *= foot_factor(mask, ground, work.scale) * float(np.exp(-0.5 * off * off))
+    across_the_picture = columns[0] <= 1 and columns[-1] >= work.shape[1] - 2
+    return 0.2 * score if across_the_picture else score
+
+
+def _known_window(work: _Work) -> Window | None:
+    """Return the ellipse the object lies in, None while its size is unknown."""
+    size = work.prior.size_px
+    if size is None:
+        return None
+    # Corners of the box lie 1.41 half axes out; what is not known of the place comes on top.
+    half = 0.75 * size / work.scale + work.prior.sigma_px / work.scale + 3.0
+    centre = work.prior.centre_px / work.scale
+    return Window(float(centre[0]), float(centre[1]), float(half[0]), float(half[1]))
+
+
+def _refined(mask: Mask, window: Window | None, work: _Work, config: RegionConfig) -> Mask:
+    """Return ``mask`` cut anew along the picture's edges, unless the cut lost the object."""
+    ys, xs = np.nonzero(mask)
+    if window is None:
+        half_width = 0.75 * float(xs.max() - xs.min()) + 8.0
+        half_height = 0.75 * float(ys.max() - ys.min()) + 8.0
+        middle = (xs.min() + xs.max()) / 2.0, (ys.min() + ys.max()) / 2.0
+        window = Window(float(middle[0]), float(middle[1]), half_width, half_height)
+    cut = grab_cut(work.image_bgr, mask, window, config.refine_iterations)
+    reach = 0.5 * (window.half_width_px + window.half_height_px)
+    cut = keep_object(cut, window.x_px, window.y_px, reach)
+    kept = float((cut & mask).sum()) / float(mask.sum())
+    return cut if kept > 0.5 and float(cut.sum()) < 2.0 * float(mask.sum()) else mask
+
+
+def _search_in_colours(
+    work: _Work, config: RegionConfig, refine: bool
+) -> tuple[Region, ColourModel] | None:
     sigmas = scales(config)
     stack = log_stack(lab_float(work.image_bgr), sigmas, config.chroma_weight)
     blobs = find_blobs(stack, sigmas, config.min_response)

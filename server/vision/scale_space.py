@@ -106,6 +106,15 @@ def log_stack(channels: Array32, sigmas_px: Array32, chroma_weight: float = 1.0)
     return stack
 
 
+def evidence_stack(evidence: Array32, sigmas_px: Array32) -> Array32:
+    """Return R ``(n, h, w)`` of one map ``(h, w)`` for every sigma; negative answers become zero.
+
+    What stands out positively is sought here: an object surprises more than what surrounds it.
+    """
+    layers = [log_response(evidence, float(sigma)) for sigma in sigmas_px]
+    return np.maximum(np.stack(layers), 0.0).astype(np.float32, copy=False)
+
+
 def find_blobs(stack: Array32, sigmas_px: Array32, min_response: float) -> list[Blob]:
     """Return the maxima of ``stack`` ``(n, h, w)`` in space and scale, strongest first (eq. 3).
 

@@ -21,9 +21,7 @@ def folder(tmp_path):
     for k in range(3):
         cv2.imwrite(str(tmp_path / f"{k}.png"), rng.integers(0, 255, (30, 40, 3), np.uint8))
     box = Box3(np.array([-0.1, -0.2, 0.0]), np.array([0.1, 0.2, 0.5]))
-    write_transforms(
-        tmp_path, [PosedFile(f"{k}.png", T) for k, T in enumerate(POSES)], CAMERA, box
-    )
+    write_transforms(tmp_path, [PosedFile(f"{k}.png", T) for k, T in enumerate(POSES)], CAMERA, box)
     return tmp_path
 
 
@@ -172,7 +170,7 @@ def test_no_focal_length(folder):
 
 
 def test_no_transforms(tmp_path):
-    with pytest.raises(DatasetError, match="has no transforms.json"):
+    with pytest.raises(DatasetError, match=r"has no transforms\.json"):
         load_dataset(tmp_path)
 
 

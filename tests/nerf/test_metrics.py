@@ -12,7 +12,9 @@ def pair():
     rng = np.random.default_rng(0)
     reference = gaussian_filter(rng.random((48, 64, 3)), (2, 2, 0)).astype(np.float32)
     reference = (reference - reference.min()) / np.ptp(reference)
-    return np.clip(reference + rng.normal(0, 0.05, reference.shape), 0, 1).astype(np.float32), reference
+    return np.clip(reference + rng.normal(0, 0.05, reference.shape), 0, 1).astype(
+        np.float32
+    ), reference
 
 
 def test_psnr_of_a_constant_error():

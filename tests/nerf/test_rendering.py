@@ -6,11 +6,14 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from server.geometry.poses import look_at
+from server.nerf.config import FieldConfig
+from server.nerf.field import initial_parameters
 from server.nerf.kernels.cpu_rays import composite
 from server.nerf.rendering import distortion_of, huber, weights_of
 from server.nerf.sampling import sample_rays
 from server.nerf.space import contract, expand, focus_point
-from server.geometry.poses import look_at
+from server.nerf.torch_backend import TorchBackend
 
 
 def test_constant_fog_has_exponential_light():
@@ -18,10 +21,22 @@ def test_constant_fog_has_exponential_light():
     starts = np.array([0, n], np.int64)
     sigmas = np.full(n, sigma, np.float32)
     rgbs = np.tile(np.array([[1.0, 0.5, 0.0]], np.float32), (n, 1))
-    image, depth, opacity = np.empty((1, 3), np.float32), np.empty(1, np.float32), np.empty(1, np.float32)
+    image, depth, opacity = (
+        np.empty((1, 3), np.float32),
+        np.empty(1, np.float32),
+        np.empty(1, np.float32),
+    )
     ts = np.arange(n, dtype=np.float32)
     composite(
-        starts, sigmas, rgbs, ts, np.float32(step), np.array([0, 0, 1], np.float32), image, depth, opacity
+        starts,
+        sigmas,
+        rgbs,
+        ts,
+        np.float32(step),
+        np.array([0, 0, 1], np.float32),
+        image,
+        depth,
+        opacity,
     )
     seen = 1.0 - np.exp(-n * sigma * step)
     np.testing.assert_allclose(opacity, seen, rtol=1e-5)
@@ -33,7 +48,11 @@ def test_constant_fog_has_exponential_light():
 
 
 def test_ray_without_samples_shows_the_backdrop():
-    image, depth, opacity = np.empty((1, 3), np.float32), np.empty(1, np.float32), np.empty(1, np.float32)
+    image, depth, opacity = (
+        np.empty((1, 3), np.float32),
+        np.empty(1, np.float32),
+        np.empty(1, np.float32),
+    )
     none = np.empty(0, np.float32)
     composite(
         np.zeros(2, np.int64), none, none.reshape(0, 3), none, np.float32(0.1),
@@ -94,7 +113,10 @@ def test_contraction_leaves_the_object_alone():
 def test_focus_is_where_the_cameras_look():
     target = np.array([0.3, -0.2, 0.5])
     poses = np.stack(
-        [look_at(target + [2 * np.cos(a), 2 * np.sin(a), 1.0], target) for a in (0.0, 1.5, 4.0)]
+        [
+            look_at(target + np.array([2 * np.cos(a), 2 * np.sin(a), 1.0]), target)
+            for a in (0.0, 1.5, 4.0)
+        ]
     )
     np.testing.assert_allclose(focus_point(poses), target, atol=1e-9)
 
@@ -106,8 +128,12 @@ def test_focus_of_parallel_cameras_lies_ahead():
     assert focus_point(np.stack([pose, other]))[0] > 0.2
 
 
-class WallBackend:
+class WallBackend(TorchBackend):
     """An opaque wall in the plane x = 0 of scene units, empty elsewhere."""
+
+    def __init__(self):
+        config = FieldConfig(levels=1, log2_table_size=8, coarsest=2, finest=2)
+        super().__init__(config, initial_parameters(config, 0), 1)
 
     def densities(self, points, open_levels):
         return np.where(points[:, 0] > 0.5, 1e4, 0.0).astype(np.float32)
@@ -141,7 +167,8 @@ def test_empty_cells_are_skipped():
     occupied[20] = True
     origins = np.array([[-3.0, 0.01, 0.01]], np.float32)
     samples = sample_rays(
-        WallBackend(), occupied, origins, np.array([[1, 0, 0]], np.float32), np.zeros(1, np.float32),
+        WallBackend(), occupied, origins, np.array([[1, 0, 0]], np.float32),
+        np.zeros(1, np.float32),
         near=0.5, step=1 / 64, open_levels=8.0, transmittance=0.0, least_weight=0.0, chunks=1,
     )  # fmt: skip
     cells = np.floor(samples.points[:, 0] * 32)

@@ -31,7 +31,8 @@ def trace(intrinsics: Intrinsics, T_world_cam: np.ndarray) -> np.ndarray:
     axis = walls.argmin(axis=1)
     t = walls.min(axis=1)
     p = o + t[:, None] * d
-    checks = (np.floor(p * 2.0).sum(axis=1) % 2)[:, None]
+    # Shifted, so that no wall lies on a border between checks, where rounding would decide.
+    checks = (np.floor(p * 2.0 + 0.25).sum(axis=1) % 2)[:, None]
     paint = np.array([[0.7, 0.3, 0.3], [0.3, 0.7, 0.4], [0.5, 0.5, 0.8]])[axis]
     rgb = paint * (0.5 + 0.5 * checks)
     b = d @ (o - BALL_CENTRE)
@@ -43,7 +44,7 @@ def trace(intrinsics: Intrinsics, T_world_cam: np.ndarray) -> np.ndarray:
     return np.round(rgb * 255).astype(np.uint8).reshape(intrinsics.height, intrinsics.width, 3)
 
 
-def write_tiny_scene(folder: Path, pictures: int = 12) -> Path:
+def write_tiny_scene(folder: Path, pictures: int = 24) -> Path:
     """Write a dataset of ``pictures`` views on a spiral around the ball."""
     (folder / "images").mkdir(parents=True)
     posed = []

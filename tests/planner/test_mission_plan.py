@@ -99,3 +99,8 @@ def test_bad_configuration_names_its_field(make: type, field: str, value: object
 def test_gains_are_not_negative() -> None:
     with pytest.raises(ValueError, match="i must"):
         PidGains(1.0, i=-0.1)
+
+
+def test_avoidance_may_not_ask_for_more_room_than_the_plan_leaves() -> None:
+    with pytest.raises(ValueError, match="separation_m"):
+        PlannerConfig(avoidance=AvoidanceConfig(radius_m=0.6))

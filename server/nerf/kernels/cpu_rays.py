@@ -186,8 +186,8 @@ def composite(starts, sigmas, rgbs, ts, step, background, image, depths, opaciti
 
 
 @njit(cache=True, fastmath=True)
-def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, step, backdrop, target, gain, delta, distortion, scale,
-              weights, dsigmas, drgbs, dgain):  # fmt: skip
+def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, step, backdrop, target, gain, delta, distortion,
+              scale, weights, dsigmas, drgbs, dgain):  # fmt: skip
     """Loss of one ray and its gradients; returns loss and squared error, both unscaled."""
     light = np.float32(1.0)
     pixel = np.zeros(3, np.float32)
@@ -239,8 +239,8 @@ def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, step, backdrop, target, gain, de
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def loss_gradients(starts, sigmas, rgbs, ss, trusts, step, backdrops, targets, gains, pictures, delta,
-                   distortion, weights, dsigmas, drgbs, gain_grads, sums):  # fmt: skip
+def loss_gradients(starts, sigmas, rgbs, ss, trusts, step, backdrops, targets, gains, pictures,
+                   delta, distortion, weights, dsigmas, drgbs, gain_grads, sums):  # fmt: skip
     """Composite every ray, compare it with its pixel, and differentiate by densities and colours.
 
     The loss is the mean over rays of the Huber loss summed over channels, plus ``distortion``
@@ -282,7 +282,9 @@ def loss_gradients(starts, sigmas, rgbs, ss, trusts, step, backdrops, targets, g
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def adam_step(values, grads, mean, variance, rate, beta_1, beta_2, correction_1, correction_2, decay):
+def adam_step(
+    values, grads, mean, variance, rate, beta_1, beta_2, correction_1, correction_2, decay
+):
     """Sum the gradients of all chunks, take one Adam step, and clear them.
 
     Numbers without gradient are left alone, moments included: most table rows are untouched in
@@ -308,5 +310,7 @@ def adam_step(values, grads, mean, variance, rate, beta_1, beta_2, correction_1,
         if total != np.float32(0.0):
             mean[n] = beta_1 * mean[n] + (np.float32(1.0) - beta_1) * total
             variance[n] = beta_2 * variance[n] + (np.float32(1.0) - beta_2) * total * total
-            push = (mean[n] / correction_1) / (np.sqrt(variance[n] / correction_2) + np.float32(1e-15))
+            push = (mean[n] / correction_1) / (
+                np.sqrt(variance[n] / correction_2) + np.float32(1e-15)
+            )
             values[n] -= rate * (push + decay * values[n])
