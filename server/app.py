@@ -218,9 +218,7 @@ async def console(
     async with AsyncExitStack() as stack:
         scene_port = None
         try:
-            scene = SceneView(
-                config=SceneConfig(start_radius_m=fleet.config.start_radius_m)
-            )
+            scene = SceneView(config=SceneConfig(start_radius_m=fleet.config.start_radius_m))
             await stack.enter_async_context(scene)
             scene_port = scene.port
             follow = asyncio.create_task(scene.follow(control.events), name="scene")

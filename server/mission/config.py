@@ -36,7 +36,7 @@ class MissionConfig:
     centre_timeout_s: float = 20.0
     plan_timeout_s: float = 20.0
     fly_timeout_s: float = 25.0
-    tune_timeout_s: float = 4.0
+    tune_timeout_s: float = 3.0
     arrive_m: float = 0.12
     arrive_rad: float = 0.08
     centred_px: float = 40.0

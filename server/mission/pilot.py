@@ -20,12 +20,14 @@ from server.mission.config import FlightConfig
 from server.mission.events import DroneReported, EventStream, Noted, PoseEstimated
 from server.mission.eyes import Eye, Sight
 from server.planner.avoidance import Agent, Obstacle, agent_from_pose, avoid
+from server.planner.errors import PlanError
 from server.planner.ring import facing
 from server.planner.route import route_velocity
 from server.planner.tracking import (
     BoxTracker,
     WantedView,
     box_errors,
+    expected_box,
     fly_to,
     wanted_view,
     yaw_rate_to,
@@ -42,9 +44,15 @@ Array = NDArray[np.float64]
 _POSE_EVENT_S = 0.1
 # A box older than this says nothing about where the drone is now.
 _STALE_S = 0.6
+# Boxes of less confidence are shown but correct no pose.
+_SURE_ENOUGH = 0.4
 # While the object is cut off by the picture's edge, step back this fast, metres per second.
 _STEP_BACK_M_S = 0.35
 _FULL_FRAME = 0.85
+# Trimming corrects small errors: farther than this from the viewpoint the drone flies back to it,
+# and a box that is this many times larger or smaller than believed is not the object.
+_TRIM_REACH_M = 0.35
+_TRIM_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,8 +120,10 @@ class _Wing:
             return
         self._sequence = sight.frame.sequence
         # Near the floor the object fills the picture or hides behind its edge.
-        if sight.box is not None and self.drone.activity in ("flying", "holding"):
+        usable = sight.box is not None and sight.box.confidence > _SURE_ENOUGH
+        if usable and self.drone.activity in ("flying", "holding"):
             others = target.estimate(excluding=self.drone.config.id)
+            assert sight.box is not None
             self.filter.observe_box(sight.box, sight.frame.captured_s, others)
             target.observe(self.drone.config.id, self.filter.target_belief())
 
@@ -299,14 +309,37 @@ class Pilot:
                 return self._towards(pose, viewpoint, target)
             case _Fly(viewpoint):
                 return self._towards(pose, viewpoint, target)
-            case _Trim(_, wanted):
-                setpoint = wing.tracker.update(wing.fresh_box(now_s), pose, wanted, self._dt_s)
+            case _Trim(viewpoint, wanted):
+                offset = viewpoint.position_world - pose.position_world
+                if np.linalg.norm(offset) > _TRIM_REACH_M:
+                    return self._towards(pose, viewpoint, target)
+                box = wing.fresh_box(now_s)
+                if box is not None and not self._plausible(wing, box, pose):
+                    box = None
+                setpoint = wing.tracker.update(box, pose, wanted, self._dt_s)
                 return _turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
             case None:
                 # Keep looking at the object: it bounds the drift of the believed pose.
                 bearing = target.centre[:2] - pose.position_world[:2]
                 wanted_yaw = float(np.arctan2(bearing[1], bearing[0]))
                 return np.zeros(3), yaw_rate_to(pose.yaw_rad, wanted_yaw, tracking)
+
+    def _plausible(self, wing: _Wing, box: Box, pose: CameraPose) -> bool:
+        """Return whether a box looks like the seed geometry from where the drone believes to be.
+
+        Trimming on something else, or on a part of the object, would fly into the object.
+        """
+        assert self.seed is not None
+        here = Viewpoint(pose.position_world, pose.yaw_rad)
+        try:
+            expected = expected_box(self.seed, here, wing.drone.config.intrinsics, wing.tilt_rad)
+        except PlanError:
+            return False
+        overlap = np.minimum(box.xyxy_px[2:], expected[2:]) - np.maximum(
+            box.xyxy_px[:2], expected[:2]
+        )
+        ratio = float(np.sqrt(np.prod(box.size_px) / np.prod(expected[2:] - expected[:2])))
+        return bool((overlap > 0.0).all()) and 1.0 / _TRIM_RATIO < ratio < _TRIM_RATIO
 
     def _towards(
         self, pose: CameraPose, viewpoint: Viewpoint, target: TargetEstimate

@@ -60,17 +60,17 @@ def psnr_db(image: Image, reference: Image, mask: NDArray[np.bool_] | None = Non
 
 def ssim(image: Image, reference: Image) -> float:
     """Return the structural similarity of Wang et al. 2004: 11x11 Gaussian window, sigma 1.5."""
-    return float(
-        structural_similarity(
-            image,
-            reference,
-            gaussian_weights=True,
-            sigma=1.5,
-            use_sample_covariance=False,
-            data_range=1.0,
-            channel_axis=2,
-        )
+    # Annotated as a union of results, of which these arguments select the plain number.
+    similarity = cast(Any, structural_similarity)(
+        image,
+        reference,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=2,
     )
+    return float(similarity)
 
 
 def flip(image: Image, reference: Image) -> float:

@@ -86,11 +86,12 @@ def _feasible(
 ) -> tuple[Viewpoint, ...]:
     space, shells = config.space, config.candidates
     centre = seed.outer.centre
+    highest_m = min(space.ceiling_m, float(seed.outer.upper[2]) + shells.above_m)
     azimuth, height, factor = (
         grid.ravel()
         for grid in np.meshgrid(
             np.arange(azimuth_count) * 2.0 * np.pi / azimuth_count,
-            np.linspace(space.floor_m, space.ceiling_m, shells.heights),
+            np.linspace(space.floor_m, max(highest_m, space.floor_m), shells.heights),
             np.array(shells.radius_factors),
             indexing="ij",
         )

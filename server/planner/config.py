@@ -30,7 +30,7 @@ class FlightSpace:
     fence_radius_m: float = 4.2
     floor_m: float = 0.45
     ceiling_m: float = 2.0
-    standoff_m: float = 0.7
+    standoff_m: float = 0.9
     separation_m: float = 1.0
     downwash_factor: float = 2.0
 
@@ -64,13 +64,16 @@ class CandidateConfig:
     Attributes:
         radius_factors: Shells, as factors of the nearest distance that still shows the whole
             object and keeps the standoff, each at least 1.
-        heights: Number of height steps between floor and ceiling.
+        above_m: Highest candidates above the object's top. With a fixed tilt the object stays in
+            view at greater heights only from farther away, under the same elevation.
+        heights: Number of height steps between floor and that height, or the ceiling.
         azimuths: Number of azimuths per shell and height, before thinning out.
         minimum: Fewest candidates wanted; azimuths are doubled, at most three times, to reach it.
         margin: Share of the frame that stays free around the whole object.
     """
 
     radius_factors: tuple[float, ...] = (1.0, 1.15, 1.35)
+    above_m: float = 1.0
     heights: int = 7
     azimuths: int = 48
     minimum: int = 600

@@ -150,11 +150,11 @@ class LocalizationConfig:
     height_sigma_m: float = 0.05
     tof_sigma_m: float = 0.03
     tof_offset_m: float = 0.0
-    box_sigma_rad: float = 0.01
+    box_sigma_rad: float = 0.03
     box_bias_rad: float = 0.03
     box_bias_tau_s: float = 15.0
-    size_sigma: float = 0.05
-    size_bias: float = 0.12
+    size_sigma: float = 0.3
+    size_bias: float = 0.35
     use_attitude: bool = True
     gate: float = 7.0
     max_extrapolation_s: float = 0.5

@@ -37,6 +37,9 @@ from server.vision.scale_space import (
     scales,
 )
 
+# Evidence against floor, nats beyond the threshold, that no cut overrules.
+_SURE = 1.5
+
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
@@ -185,17 +188,15 @@ def _search_on_floor(
     strength = np.clip(evidence, 0.0, 3.0) * np.exp(-0.25 * across)
     sigmas = scales(config)
     blobs = find_blobs(evidence_stack(strength.astype(np.float32), sigmas), sigmas, 0.1)
-    opened = cv2.morphologyEx(
-        (evidence > 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)
-    ).astype(bool)
+    surprising = evidence > 0.0
     window = _known_window(work)
     if window is not None:
-        opened &= window.radius(work.shape) < 1.0
+        surprising &= window.radius(work.shape) < 1.0
     best: tuple[float, Mask, Blob] | None = None
     for blob in blobs[: config.candidates]:
         radius = np.sqrt(2.0) * blob.sigma_px
         near = (abs(x - blob.x_px) < 3.0 * radius + 4) & (abs(y - blob.y_px) < 3.5 * radius + 6)
-        mask = keep_object(opened & near, blob.x_px, blob.y_px, radius)
+        mask = keep_object(surprising & near, blob.x_px, blob.y_px, radius)
         if mask.sum() < config.min_area_share * mask.size:
             continue
         score = _floor_score(mask, evidence, ground, work, config)
@@ -204,11 +205,12 @@ def _search_on_floor(
     if best is None:
         return None
     _, mask, blob = best
+    on_floor = mask & (evidence > _SURE)
     mask = grow_up(mask, work.bins_lab, config.histogram_bins, ground, work.scale)
     if window is not None:
         mask &= window.radius(work.shape) < 1.0
     if refine:
-        mask = _refined(mask, window, work, config)
+        mask = _refined(mask, on_floor, window, work, config)
     confidence, model = _confidence(mask, work, config)
     confidence *= foot_factor(mask, ground, work.scale)
     if confidence < config.min_confidence:
@@ -247,8 +249,10 @@ def _known_window(work: _Work) -> Window | None:
     return Window(float(centre[0]), float(centre[1]), float(half[0]), float(half[1]))
 
 
-def _refined(mask: Mask, window: Window | None, work: _Work, config: RegionConfig) -> Mask:
-    """Return ``mask`` cut anew along the picture's edges, unless the cut lost the object."""
+def _refined(
+    mask: Mask, sure: Mask, window: Window | None, work: _Work, config: RegionConfig
+) -> Mask:
+    """Return ``mask`` cut anew along the picture's edges, with ``sure`` in any case."""
     ys, xs = np.nonzero(mask)
     if window is None:
         half_width = 0.75 * float(xs.max() - xs.min()) + 8.0
@@ -259,7 +263,10 @@ def _refined(mask: Mask, window: Window | None, work: _Work, config: RegionConfi
     reach = 0.5 * (window.half_width_px + window.half_height_px)
     cut = keep_object(cut, window.x_px, window.y_px, reach)
     kept = float((cut & mask).sum()) / float(mask.sum())
-    return cut if kept > 0.5 and float(cut.sum()) < 2.0 * float(mask.sum()) else mask
+    if kept < 0.5 or float(cut.sum()) > 2.0 * float(mask.sum()):
+        return mask
+    # A cut prefers short borders and so loses thin legs; what clearly is no floor stays.
+    return keep_object(cut | sure, window.x_px, window.y_px, reach)
 
 
 def _search_in_colours(

@@ -166,7 +166,9 @@ def _refine(pictures: list[PosedPicture], folder: Path) -> RefinedPoses:
 def _errors_after_similarity(T_true: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return rotation (rad) and position errors (m) after the similarity that fits best."""
     carried = fit_similarity(T[:, :3, 3], T_true[:, :3, 3]).poses(T)
-    return _angles_rad(T_true, carried), np.linalg.norm(T_true[:, :3, 3] - carried[:, :3, 3], axis=1)
+    return _angles_rad(T_true, carried), np.linalg.norm(
+        T_true[:, :3, 3] - carried[:, :3, 3], axis=1
+    )
 
 
 @pytest.mark.slow

@@ -190,10 +190,11 @@ def test_random_situations_are_safe_and_resolved(seed: int, sigma_m: float) -> N
     rng = np.random.default_rng(seed)
 
     def places() -> np.ndarray:
-        angle, radius = rng.uniform(0, 2 * np.pi, 4), rng.uniform(1.3, 4.2, 4)
-        return np.stack(
-            [radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0.5, 2.2, 4)], axis=1
-        )
+        space = CONFIG.space
+        angle = rng.uniform(0, 2 * np.pi, 4)
+        radius = rng.uniform(1.3, space.fence_radius_m - 0.05, 4)
+        height = rng.uniform(space.floor_m + 0.05, space.ceiling_m - 0.05, 4)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
     starts, goals = places(), places()
     assume(far_apart(starts))

@@ -70,9 +70,7 @@ def test_names_are_safe_and_never_reused(tmp_path):
 
 
 def test_a_torn_last_line_loses_nothing_else(tmp_path):
-    picture = FlightPicture(
-        "images/0000.jpg", None, True, "drone-1", 1.0, 0, np.eye(4), 0.1, 0.05
-    )
+    picture = FlightPicture("images/0000.jpg", None, True, "drone-1", 1.0, 0, np.eye(4), 0.1, 0.05)
     for _ in range(3):
         append_picture(tmp_path, picture)
     with (tmp_path / "pictures.jsonl").open("a") as stream:
