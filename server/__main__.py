@@ -11,21 +11,22 @@ import asyncio
 import json
 import logging
 import os
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import httpx
 
 from server.app import (
     SimulatedFleet,
+    SimulatorRefusedError,
     StartError,
     bind_port,
+    check_runs,
     console,
     flying,
     real_fleet,
@@ -53,6 +54,8 @@ def main() -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
+    except SimulatorRefusedError:
+        return 2
     except (StartError, SettingsError) as error:
         print(f"dronerf: {error}", file=sys.stderr)
         return 2
@@ -76,6 +79,8 @@ async def _demo(arguments: argparse.Namespace) -> int:
     )
     if arguments.pictures < arguments.drones:
         raise StartError(f"--pictures must be at least the number of drones, {arguments.drones}")
+    check_runs(settings.runs)
+    settings.open_token()
     wanted = SimulatedFleet(arguments.scene, arguments.drones, arguments.seed, arguments.truth)
     stop = stop_signal()
     started_s = time.monotonic()
@@ -119,6 +124,8 @@ def serve(arguments: argparse.Namespace) -> int:
 
 async def _serve(arguments: argparse.Namespace) -> int:
     settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
+    check_runs(settings.runs)
+    settings.open_token()
     stop = stop_signal()
     async with AsyncExitStack() as stack:
         if arguments.fleet is not None:
@@ -147,8 +154,8 @@ def sim(arguments: argparse.Namespace) -> int:
 
 def capture(arguments: argparse.Namespace) -> int:
     """Start a capture on a running console and follow it to its end."""
-    token = os.environ.get("DRONERF_TOKEN")
-    if not token:
+    token = os.environ.get("DRONERF_TOKEN", "")
+    if not token or not all("!" <= character <= "~" for character in token):
         raise SettingsError("DRONERF_TOKEN must hold the token of the running console")
     body = {"mode": arguments.mode, "pictures": arguments.pictures, "name": arguments.name}
     body |= {"train_seconds": arguments.train_seconds, "drones": arguments.drones}
@@ -160,11 +167,8 @@ def capture(arguments: argparse.Namespace) -> int:
             answer = client.post("/api/v1/captures", json=body)
             while True:
                 if answer.is_error:
-                    problem = answer.json()
-                    print(
-                        f"dronerf: {problem.get('detail') or problem.get('title')}", file=sys.stderr
-                    )
-                    return 2 if answer.status_code in (401, 422) else 1
+                    print(f"dronerf: {_problem(answer)}", file=sys.stderr)
+                    return 2 if answer.status_code in (401, 404, 422) else 1
                 record = answer.json()
                 print(f"\r{record['phase']:<12}{record['progress']:6.0%}", end="", file=sys.stderr)
                 if record["state"] not in ("queued", "running", "paused"):
@@ -172,7 +176,7 @@ def capture(arguments: argparse.Namespace) -> int:
                 time.sleep(1.0)
                 answer = client.get(f"/api/v1/captures/{record['id']}")
             print(file=sys.stderr)
-    except httpx.TransportError as error:
+    except (httpx.TransportError, httpx.InvalidURL, json.JSONDecodeError) as error:
         raise StartError(f"no console answers at {arguments.url}: {error}") from error
     if record["state"] != "succeeded":
         print(f"dronerf: capture {record['state']}: {record['error']}", file=sys.stderr)
@@ -182,6 +186,18 @@ def capture(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _problem(answer: httpx.Response) -> str:
+    """Return in one line what a console, or whatever else answers there, says is wrong."""
+    try:
+        problem = answer.json()
+        faults = [f"{e['field'].removeprefix('body.')}: {e['detail']}" for e in problem["errors"]]
+        return "; ".join(faults)
+    except (ValueError, TypeError):
+        return f"{answer.url} is no console, it answers {answer.status_code}"
+    except KeyError:
+        return str(problem.get("detail") or problem.get("title") or answer.status_code)
+
+
 def train(arguments: argparse.Namespace) -> int:
     """Train a field on a folder with transforms.json and judge it on held-out pictures."""
     return asyncio.run(_train(arguments))
@@ -189,6 +205,7 @@ def train(arguments: argparse.Namespace) -> int:
 
 async def _train(arguments: argparse.Namespace) -> int:
     settings = load_settings(runs=arguments.runs)
+    check_runs(settings.runs)
     if arguments.seconds is None and arguments.steps is None:
         arguments.seconds = 60.0
     parameters = {
@@ -226,14 +243,16 @@ async def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def bench(arguments: argparse.Namespace) -> int:
-    """Run one measurement as a child process."""
-    command = [sys.executable, "-P", "-m", "server.bench", arguments.name, *arguments.rest]
-    return subprocess.call(command)
+class _Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong; the usage is one ``--help`` away."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and end with exit code 2."""
+        self.exit(2, f"dronerf: {message} (see {self.prog} --help)\n")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="dronerf", description="Operator console for drone-captured radiance fields."
     )
     parser.add_argument("--verbose", action="store_true", help="log everything to stderr")
@@ -241,7 +260,12 @@ def _parser() -> argparse.ArgumentParser:
 
     part = _command(commands, "demo", demo, "four simulated drones, a whole mission, the console")
     part.add_argument("--scene", default="robot_dog", help=SCENES)
-    part.add_argument("--mode", choices=("optimized", "standard"), default="optimized")
+    part.add_argument(
+        "--mode",
+        choices=("optimized", "standard"),
+        default="optimized",
+        help="planned viewpoints, or the fixed ring (optimized)",
+    )
     _drones(part)
     part.add_argument("--pictures", type=_count, default=24, help="pictures in all (24)")
     part.add_argument(
@@ -266,29 +290,32 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--truth", type=Path, help="write true poses to this file")
 
     part = _command(commands, "capture", capture, "start a capture on a running console")
-    part.add_argument("--url", default="http://127.0.0.1:8000", help="the console's address")
-    part.add_argument("--mode", choices=("optimized", "standard"))
-    part.add_argument("--drones", type=_count)
-    part.add_argument("--pictures", type=_count)
-    part.add_argument("--train-seconds", type=_positive)
-    part.add_argument("--name")
+    part.add_argument(
+        "--url", default="http://127.0.0.1:8000", help="the console (http://127.0.0.1:8000)"
+    )
+    part.add_argument("--mode", choices=("optimized", "standard"), help="(optimized)")
+    part.add_argument("--drones", type=_fleet_size, help="how many drones to use (all)")
+    part.add_argument("--pictures", type=_count, help="pictures in all (24)")
+    part.add_argument("--train-seconds", type=_positive, help="training of the judged field (60)")
+    part.add_argument("--name", help="what to call it; also part of the run folder's name")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
     part = _command(commands, "train", train, "train on any folder with transforms.json")
-    part.add_argument("dataset", type=Path)
+    part.add_argument("dataset", type=Path, help="folder with transforms.json")
     length = part.add_mutually_exclusive_group()
     length.add_argument("--seconds", type=_positive, help="training time (60)")
     length.add_argument("--steps", type=_count, help="training steps instead")
     part.add_argument("--downscale", type=_count, help="divide picture sizes by this")
     part.add_argument("--test-every", type=_count, default=8, help="hold out every n-th (8)")
-    part.add_argument("--backend", choices=("numba", "torch"), default="numba")
-    part.add_argument("--seed", type=int, default=0)
+    part.add_argument(
+        "--backend",
+        choices=("numba", "torch"),
+        default="numba",
+        help="fast kernels, or the slow definition they are checked against (numba)",
+    )
+    part.add_argument("--seed", type=_seed, default=0, help="seed of everything random (0)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
-
-    part = _command(commands, "bench", bench, "the measurements; `dronerf bench --help` lists them")
-    part.add_argument("name", nargs="?", default="--help")
-    part.add_argument("rest", nargs=argparse.REMAINDER)
     return parser
 
 
@@ -300,33 +327,44 @@ def _command(commands: Any, name: str, run: Any, text: str) -> argparse.Argument
 
 def _drones(part: argparse.ArgumentParser) -> None:
     part.add_argument("--drones", type=_fleet_size, default=4, help="1 to 8 (4)")
-    part.add_argument("--seed", type=int, default=0, help="seed of everything random (0)")
+    part.add_argument("--seed", type=_seed, default=0, help="seed of everything random (0)")
 
 
 def _where(part: argparse.ArgumentParser) -> None:
     part.add_argument("--host", help="address to listen on (127.0.0.1)")
-    part.add_argument("--port", type=int, help="port to listen on (8000)")
+    part.add_argument("--port", type=_port, help="port to listen on (8000)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
 
 
+def _whole(text: str, least: int, most: int, rule: str) -> int:
+    if not text.isascii() or not text.isdecimal() or not least <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"must be {rule}, not {text}")
+    return int(text)
+
+
 def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
+    return _whole(text, 1, 10**9, "a whole number, at least 1")
 
 
 def _fleet_size(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 8:
-        raise argparse.ArgumentTypeError("must be 1 to 8")
-    return value
+    return _whole(text, 1, 8, "1 to 8")
+
+
+def _seed(text: str) -> int:
+    return _whole(text, 0, 2**32 - 1, "a whole number from 0 to 4294967295")
+
+
+def _port(text: str) -> int:
+    return _whole(text, 0, 65535, "a port from 0 (any free one) to 65535")
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
     if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError("must be a positive number of seconds")
+        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text}")
     return value
 
 

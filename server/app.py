@@ -11,6 +11,7 @@ import contextlib
 import errno
 import json
 import logging
+import os
 import random
 import signal
 import socket
@@ -33,6 +34,7 @@ from server.scene.scene import SceneView
 from server.settings import Settings
 from server.swarm.config import DroneConfig, FleetConfig, FleetFileError, load_fleet
 from server.swarm.fleet import Fleet
+from server.swarm.link import LinkError
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +46,10 @@ _SIM_START_S = 90.0
 
 class StartError(Exception):
     """Something asked for cannot be had (a port, a scene, an address); exit code 2."""
+
+
+class SimulatorRefusedError(StartError):
+    """The simulator cannot have what was asked for and has itself said why; add nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +101,10 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
         except TimeoutError:
             raise StartError("the simulator did not start; see the lines above") from None
         if not line:
-            # Its own last line on stderr has already said what is wrong.
-            raise StartError(f"the simulator ended with exit code {await process.wait()}")
+            code = await process.wait()
+            if code == 2:
+                raise SimulatorRefusedError("the simulator has said why it does not start")
+            raise StartError(f"the simulator ended with exit code {code}; see the lines above")
         yield _fleet_of(json.loads(line)["drones"])
     finally:
         if process.returncode is None:
@@ -181,16 +189,37 @@ def bind_port(host: str, port: int) -> socket.socket:
     return sock
 
 
+def check_runs(folder: Path) -> None:
+    """Find out, without making anything, whether run folders can be made in ``folder``.
+
+    Raises:
+        StartError: If they cannot.
+    """
+    nearest = folder.absolute()
+    while not nearest.exists() and nearest != nearest.parent:
+        nearest = nearest.parent
+    if not nearest.is_dir():
+        raise StartError(f"run folders cannot be made in {folder}: {nearest} is not a folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise StartError(f"run folders cannot be made in {folder}: no right to write {nearest}")
+
+
 @asynccontextmanager
 async def flying(
     settings: Settings, fleet_config: FleetConfig
 ) -> AsyncIterator[tuple[Control, Fleet]]:
-    """Open the fleet and the mission control; on the way out every drone lands first."""
-    events = EventStream()
-    async with (
-        Fleet(fleet_config, settings.safety) as fleet,
-        Control(fleet, settings.runs, settings.flight(), events) as control,
-    ):
+    """Open the fleet and the mission control; on the way out every drone lands first.
+
+    Raises:
+        StartError: If a drone's sockets cannot be opened.
+    """
+    async with AsyncExitStack() as stack:
+        try:
+            fleet = await stack.enter_async_context(Fleet(fleet_config, settings.safety))
+        except LinkError as error:
+            raise StartError(str(error)) from error
+        control = Control(fleet, settings.runs, settings.flight(), EventStream())
+        await stack.enter_async_context(control)
         try:
             yield control, fleet
         finally:

@@ -9,7 +9,11 @@ from __future__ import annotations
 
 import os
 import secrets
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
 from pathlib import Path
+from typing import Any, get_type_hints
 
 from pydantic import Field, SecretStr, ValidationError
 from pydantic_settings import (
@@ -18,6 +22,7 @@ from pydantic_settings import (
     SettingsConfigDict,
     TomlConfigSettingsSource,
 )
+from pydantic_settings import SettingsError as SettingsSourceError
 
 from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
@@ -94,8 +99,8 @@ class Settings(BaseSettings):
                 raise SettingsError(f"token file {self.token_file}: {error.strerror}") from error
         else:
             return secrets.token_urlsafe(24)
-        if len(token) < 8:
-            raise SettingsError("the token must have at least 8 characters")
+        if len(token) < 8 or not all("!" <= character <= "~" for character in token):
+            raise SettingsError("the token must be at least 8 visible ASCII characters, no spaces")
         return token
 
 
@@ -103,15 +108,53 @@ def load_settings(**overrides: object) -> Settings:
     """Return the settings; ``overrides`` that are None are ignored.
 
     Raises:
-        SettingsError: Naming the first bad value in one line.
+        SettingsError: Naming the first bad value or unknown name in one line.
     """
     path = os.environ.get("DRONERF_CONFIG")
     if path and not Path(path).is_file():
         raise SettingsError(f"DRONERF_CONFIG names {path}, which is not a file")
     given = {key: value for key, value in overrides.items() if value is not None}
     try:
+        _refuse_unknown_names(Path(path) if path else None)
         return Settings(**given)  # pyright: ignore[reportArgumentType]
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise SettingsError(f"setting {place or 'value'}: {first['msg']}") from error
+        message = first["msg"].removeprefix("Value error, ")
+        raise SettingsError(f"setting {place or 'value'}: {message}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{path} is not valid TOML: {error}") from error
+    except SettingsSourceError as error:
+        raise SettingsError(f"environment: {error}") from error
+
+
+def _refuse_unknown_names(file: Path | None) -> None:
+    """Raise SettingsError for a name that would be ignored: a mistyped limit must not pass."""
+    if file is not None:
+        for names in _leaves(tomllib.loads(file.read_text(encoding="utf-8"))):
+            if not _is_setting(names):
+                raise SettingsError(f"{file}: unknown setting {'.'.join(names)}")
+    for variable in os.environ:
+        names = tuple(variable.removeprefix("DRONERF_").lower().split("__"))
+        # Without an underscore pair it may belong to somebody else, as DRONERF_CONFIG does.
+        if variable.startswith("DRONERF_") and len(names) > 1 and not _is_setting(names):
+            raise SettingsError(f"unknown setting {variable}")
+
+
+def _leaves(table: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    for name, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, (*above, name))
+        else:
+            yield (*above, name)
+
+
+def _is_setting(names: Sequence[str]) -> bool:
+    """Return whether ``names`` lead from ``Settings`` through nested config to a field."""
+    known: Mapping[str, Any] = {n: f.annotation for n, f in Settings.model_fields.items()}
+    for name in names:
+        if name not in known:
+            return False
+        kind = known[name]
+        known = get_type_hints(kind) if is_dataclass(kind) else {}
+    return True

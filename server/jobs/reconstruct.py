@@ -91,7 +91,6 @@ def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
         trusted = [int(index) for index in np.flatnonzero(refined.refined)]
     dataset = load_dataset(wanted.dataset, downscale=wanted.downscale)
     out = wanted.out or wanted.dataset
-    out.mkdir(parents=True, exist_ok=True)
     return _judge_and_deliver(dataset, trusted, out, wanted, spec, reporter, stages)
 
 
@@ -112,6 +111,8 @@ def _judge_and_deliver(
     with stages.stage("compile"):
         # Compiled code is kept, so this takes long only the first time; it is no training.
         _trainer(dataset, unseen, wanted, spec).run(steps=2)
+    # Only now is it certain that there is something to train on and judge.
+    out.mkdir(parents=True, exist_ok=True)
     trainer = _trainer(dataset, unseen, wanted, spec)
     reports = FieldReports(trainer, reporter, out, images=len(shown))
     with stages.stage("train"):

@@ -42,8 +42,8 @@ class MissionConfig:
     centred_px: float = 40.0
     still_m_s: float = 0.15
     picture_timeout_s: float = 3.0
-    keyframe_m: float = 0.2
-    keyframe_rad: float = 0.15
+    keyframe_m: float = 0.45
+    keyframe_rad: float = 0.3
     object_sigma_m: float = 0.3
     cruise_height_m: float = 0.8
 

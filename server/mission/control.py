@@ -275,7 +275,7 @@ def _records_on_disk(runs: Path) -> dict[str, CaptureRecord]:
         status = dict(state["status"])
         if status["state"] in ("queued", "running", "paused"):
             status |= {"state": "interrupted", "error": "the console ended while it was running"}
-        status |= {"run": str(run.path)}
+        status |= {"run": str(run.path), "at": datetime.fromisoformat(status["at"])}
         records[run.id] = CaptureRecord(
             CaptureRequest(**state["request"]),
             CaptureChanged(**status),

@@ -47,13 +47,13 @@ class PoseConfig:
 
     seed: int = 0
     threads: int = 2
-    max_image_size_px: int = 960
-    max_features: int = 2500
+    max_image_size_px: int = 640
+    max_features: int = 1000
     first_octave: int = 0
     peak_threshold: float = 0.003
     time_neighbours: int = 3
     max_view_angle_rad: float = math.radians(50.0)
-    pairs_per_drone: int = 4
+    pairs_per_drone: int = 3
     max_match_ratio: float = 0.8
     max_epipolar_error_px: float = 3.0
     min_pair_matches: int = 15

@@ -150,6 +150,8 @@ class SceneView:
         # Any client may ask for a public tunnel into this machine; hiding the button is not enough.
         server.request_share_url = _refuse_share_url
         server.gui.configure_theme(show_share_button=False, show_logo=False)
+        # The panel holds display switches only; open it would hide most of an embedded scene.
+        server.gui.main_panel.minimize()
         server.initial_camera.position = _CAMERA_POSITION
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.initial_camera.up = (0.0, 0.0, 1.0)

@@ -29,7 +29,7 @@ from server.sim.config import SimConfig
 from server.sim.drone import SimError, SimulatedDrone
 from server.sim.encoder import VideoEncoder
 from server.sim.scenes.catalogue import load_object
-from server.sim.world import World
+from server.sim.world import World, WorldError
 
 _LOG = logging.getLogger(__name__)
 
@@ -257,7 +257,7 @@ def _ready_line(config: SimConfig) -> dict[str, object]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the simulator from a command line; returns the exit status."""
+    """Run the simulator from a command line; returns 2 when it cannot have what was asked for."""
     defaults = SimConfig()
     parser = argparse.ArgumentParser(
         prog="python -m server.sim.simulator", description="Simulated Tellos on loopback."
@@ -279,13 +279,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             truth_file=options.truth,
             supersample=options.supersample,
         )
-    except ValueError as error:
-        parser.error(str(error))
-    try:
         asyncio.run(run_simulator(config))
-    except (SimError, ValueError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
+    except (SimError, WorldError, ValueError, OSError) as error:
+        sys.stderr.write(f"dronerf: {error}\n")
+        return 2
     return 0
 
 

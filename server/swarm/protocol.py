@@ -38,6 +38,17 @@ _TURN_RAD_S = np.deg2rad([0.0, 9.1, 16.9, 25.7, 35.1, 53.8, 88.6])
 _STILL_M_S = 0.004
 _STILL_RAD_S = math.radians(0.4)
 
+# What refusals begin with, the misspellings of several firmwares included.
+_FAILURES = (
+    "error",
+    "out of range",
+    "unknown command",
+    "unknow command",
+    "unkown command",
+    "command error",
+    "unactive",
+)
+
 ReplyKind = Literal["ok", "error", "value", "forced_stop"]
 
 
@@ -100,8 +111,7 @@ def decode_reply(datagram: bytes) -> Reply:
     # "OK,drone will reboot in 3s" is an ok, too.
     if folded == "ok" or folded.startswith("ok,") or folded.endswith(" ok"):
         return Reply("ok", text)
-    failures = ("error", "out of range", "unknown command", "unkown command", "unactive")
-    if folded.startswith(failures):
+    if folded.startswith(_FAILURES):
         return Reply("error", text)
     return Reply("value", text)
 

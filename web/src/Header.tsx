@@ -1,5 +1,6 @@
 import { useConsole, useOperator } from "./context";
 import { Icon } from "./design/Icon";
+import { Logo } from "./design/Logo";
 import { useNow } from "./design/useNow";
 import { HeldBanner } from "./fly/HeldBanner";
 import { StopBar } from "./fly/StopBar";
@@ -15,7 +16,7 @@ export function Header() {
     <header className="top">
       <div className="top-line">
         <div className="brand">
-          <img src="/favicon.svg" alt="" width={32} height={32} />
+          <Logo />
           <h1>{en.title}</h1>
           <ConnectionPill />
         </div>

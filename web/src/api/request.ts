@@ -92,7 +92,7 @@ export function problemText(problem: unknown): string | null {
 
 function fieldText(error: object): string {
   const { loc, msg, field, detail } = error as Record<string, unknown>;
-  const place = Array.isArray(loc) ? loc.at(-1) : field;
+  const place: unknown = Array.isArray(loc) ? loc.at(-1) : field;
   const text = typeof msg === "string" ? msg : typeof detail === "string" ? detail : "";
   return typeof place === "string" || typeof place === "number" ? `${place}: ${text}` : text;
 }

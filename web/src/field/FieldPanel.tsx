@@ -57,7 +57,7 @@ function Figures({ training }: { readonly training: TrainingReport | null }) {
     [text.time, training === null ? en.none : stageTime(training)],
     [text.samples, training === null ? en.none : count(training.samples_per_s)],
     [text.step, training === null ? en.none : count(training.step)],
-    [text.loss, training?.loss == null ? en.none : training.loss.toPrecision(3)],
+    [text.loss, training?.loss?.toPrecision(3) ?? en.none],
     [text.images, training === null ? en.none : String(training.images)],
   ];
   return (

@@ -80,6 +80,7 @@ function drawStages(
   ctx.strokeStyle = ctx.fillStyle = colours.text;
   ctx.globalAlpha = 0.7;
   ctx.setLineDash([2, 3]);
+  ctx.textAlign = "left";
   ctx.textBaseline = "bottom";
   ctx.font = colours.font.replace("11px", `${Math.round(10 * uPlot.pxRatio)}px`);
   let freeFrom = -Infinity;

@@ -1,6 +1,5 @@
-import { useEffect, useRef, type RefObject } from "react";
+import { useEffect, useState, type RefObject } from "react";
 import { useOperator } from "../context";
-import { useNow } from "../design/useNow";
 import type { Tile } from "../protocol/tile";
 
 /** What a tile knows about the pictures it has shown. */
@@ -11,13 +10,21 @@ export interface TileStats {
   readonly damaged: boolean;
 }
 
+/** When pictures were shown, milliseconds of the browser's clock. */
+interface Shown {
+  readonly takenMs: number | null;
+  readonly damaged: boolean;
+  readonly timesMs: readonly number[];
+}
+
+const NOTHING_SHOWN: Shown = { takenMs: null, damaged: false, timesMs: [] };
 const WINDOW_MS = 2000;
 const LOOK_EVERY_MS = 250;
 
 /**
  * Draw a drone's pictures into `canvas` and note the shown sequence on `frame`.
  *
- * Drawing goes past React; only the numbers are looked at four times a second.
+ * Drawing goes past React; only the numbers are looked at, four times a second.
  */
 export function useTile(
   droneId: string,
@@ -25,39 +32,36 @@ export function useTile(
   canvas: RefObject<HTMLCanvasElement | null>,
 ): TileStats {
   const { tiles } = useOperator();
-  const nowMs = useNow(LOOK_EVERY_MS);
-  const shown = useRef<{ takenMs: number; damaged: boolean; timesMs: number[] }>({
-    takenMs: Number.NaN,
-    damaged: false,
-    timesMs: [],
-  });
-  useEffect(
-    () =>
-      tiles.attach(droneId, async (tile: Tile) => {
-        const arrivedMs = Date.now();
-        const picture = await createImageBitmap(tile.jpeg);
-        if (canvas.current !== null) draw(canvas.current, picture);
-        picture.close();
-        frame.current?.setAttribute("data-sequence", String(tile.header.sequence));
-        const times = shown.current.timesMs.filter((ms) => ms > arrivedMs - WINDOW_MS);
-        shown.current = {
-          takenMs: arrivedMs - 1000 * tile.header.age_s,
-          damaged: tile.header.damaged,
-          timesMs: [...times, arrivedMs],
-        };
-      }),
-    [tiles, droneId, frame, canvas],
-  );
-  return statsAt(shown.current, nowMs);
+  const [stats, setStats] = useState(() => statsAt(NOTHING_SHOWN, 0));
+  useEffect(() => {
+    let shown = NOTHING_SHOWN;
+    const detach = tiles.attach(droneId, async ({ header, jpeg }: Tile) => {
+      const arrivedMs = Date.now();
+      const picture = await createImageBitmap(jpeg);
+      if (canvas.current !== null) draw(canvas.current, picture);
+      picture.close();
+      frame.current?.setAttribute("data-sequence", String(header.sequence));
+      shown = {
+        takenMs: arrivedMs - 1000 * header.age_s,
+        damaged: header.damaged,
+        timesMs: [...shown.timesMs.filter((ms) => ms > arrivedMs - WINDOW_MS), arrivedMs],
+      };
+    });
+    const timer = setInterval(() => {
+      setStats(statsAt(shown, Date.now()));
+    }, LOOK_EVERY_MS);
+    return () => {
+      detach();
+      clearInterval(timer);
+    };
+  }, [tiles, droneId, frame, canvas]);
+  return stats;
 }
 
-function statsAt(
-  shown: { takenMs: number; damaged: boolean; timesMs: readonly number[] },
-  nowMs: number,
-): TileStats {
+function statsAt(shown: Shown, nowMs: number): TileStats {
   const recent = shown.timesMs.filter((ms) => ms > nowMs - WINDOW_MS);
   return {
-    ageS: Number.isNaN(shown.takenMs) ? null : Math.max(0, (nowMs - shown.takenMs) / 1000),
+    ageS: shown.takenMs === null ? null : Math.max(0, (nowMs - shown.takenMs) / 1000),
     shownPerS: recent.length / (WINDOW_MS / 1000),
     damaged: shown.damaged,
   };

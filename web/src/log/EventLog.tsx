@@ -24,6 +24,7 @@ export function EventLog() {
   const [filter, setFilter] = useState<Filter>("info");
   const [follow, setFollow] = useState(true);
   const list = useRef<HTMLOListElement>(null);
+  const lastTop = useRef(0);
   const lines = log.filter((line) => GRAVITY[line.level] >= GRAVITY[filter]);
   const newest = lines.at(-1)?.id;
 
@@ -34,7 +35,11 @@ export function EventLog() {
   const scrolled = () => {
     const element = list.current;
     if (element === null) return;
-    setFollow(element.scrollHeight - element.scrollTop - element.clientHeight < NEAR_END_PX);
+    const { scrollTop, scrollHeight, clientHeight } = element;
+    // Only a reader scrolls up; new lines and the following itself move the other way.
+    if (scrollHeight - scrollTop - clientHeight < NEAR_END_PX) setFollow(true);
+    else if (scrollTop < lastTop.current) setFollow(false);
+    lastTop.current = scrollTop;
   };
 
   return (

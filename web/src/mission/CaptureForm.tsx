@@ -1,4 +1,4 @@
-import { useId, useState, type FormEvent, type ReactNode } from "react";
+import { useId, useState, type ReactNode, type SubmitEvent } from "react";
 import type { Mode } from "../api/captures";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
@@ -19,7 +19,7 @@ export function CaptureForm() {
   const change = (part: Partial<Wish>) => {
     setWish({ ...wish, ...part });
   };
-  const submit = (event: FormEvent) => {
+  const submit = (event: SubmitEvent) => {
     event.preventDefault();
     if (!valid || busy) return;
     setBusy(true);
@@ -120,8 +120,8 @@ export function CaptureForm() {
       >
         <Icon name="play" />
         {busy ? text.starting : text.start}
+        <small>{text.takesOff}</small>
       </button>
-      <p className="hint hint-centre">{text.takesOff}</p>
     </form>
   );
 }

@@ -54,8 +54,10 @@ function roundNote(capture: CaptureReport | null, state: StepState): string {
 function stepTime(index: number, entered: PhaseTimelineProps["entered"], state: StepState): string {
   if (state !== "past") return "";
   const start = at(STEPS[index], entered);
-  const end = STEPS.slice(index + 1).map((next) => at(next, entered)).find((ms) => ms !== null);
-  if (start === null || end === undefined || end === null) return "";
+  const end = STEPS.slice(index + 1)
+    .map((next) => at(next, entered))
+    .find((ms) => ms !== null);
+  if (start === null || end === undefined) return "";
   return clock((end - start) / 1000);
 }
 

@@ -30,13 +30,16 @@ const STEP_OF_PHASE: Readonly<Record<string, Step>> = {
   done: "done",
 };
 
+/** Stages of the training that come before the field's own, with null for none yet. */
+const REFINING: ReadonlySet<string | null> = new Set([null, "live", "refine"]);
+
 /**
  * Return the timeline's step for a phase, or null where the phase has none.
  *
- * Poses are refined at the beginning of the phase `train`; there the training's own stage tells
- * the two apart.
+ * The phase `train` begins with the refinement of the poses; the field's own stage tells when that
+ * is over. `live` is the stage of the preview that trains during the flight.
  */
 export function stepOfPhase(phase: string, trainingStage: string | null): Step | null {
-  if (phase === "train" && trainingStage === "refine") return "refine";
+  if (phase === "train" && REFINING.has(trainingStage)) return "refine";
   return Object.hasOwn(STEP_OF_PHASE, phase) ? (STEP_OF_PHASE[phase] ?? null) : null;
 }

@@ -24,18 +24,24 @@ const MOST_ALARMS = 3;
  * Pure: the same state, message and time give the same state, and nothing is changed in place.
  */
 export function reduce(state: ConsoleState, message: Message, nowMs: number): ConsoleState {
-  switch (message.type) {
-    case "stream_opened":
-    case "stream_lost":
-    case "signed_out":
-    case "hold_accepted":
-    case "alarm_raised":
-    case "alarm_dismissed":
-    case "logged":
-      return reduceLocal(state, message, nowMs);
-    default:
-      return reduceServer({ ...state, lastMessageMs: nowMs }, message, nowMs);
-  }
+  return isLocal(message)
+    ? reduceLocal(state, message, nowMs)
+    : reduceServer({ ...state, lastMessageMs: nowMs }, message, nowMs);
+}
+
+/** Every tag of the local messages, once; the compiler refuses a missing or a foreign one. */
+const LOCAL_TYPES: Readonly<Record<LocalMessage["type"], true>> = {
+  stream_opened: true,
+  stream_lost: true,
+  signed_out: true,
+  hold_accepted: true,
+  alarm_raised: true,
+  alarm_dismissed: true,
+  logged: true,
+};
+
+function isLocal(message: Message): message is LocalMessage {
+  return Object.hasOwn(LOCAL_TYPES, message.type);
 }
 
 function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number): ConsoleState {
