@@ -1,4 +1,4 @@
-# The words of this project: setup, demo, test, fmt, lint, types, web, messages, openapi.
+# The words of this project: setup, demo, test, fmt, lint, types, contracts, web, messages, openapi.
 # Set-up runs by itself before each of them and takes seconds when nothing changed; all of its
 # output goes to stderr, so that `make demo ARGS="--headless --json"` leaves only JSON on stdout.
 
@@ -59,7 +59,7 @@ contracts: setup
 web: web/dist/.ready
 
 messages: setup
-	@$(BIN)/python -m server.api.typescript
+	@$(BIN)/python -m server.api.typescript web/src/protocol/messages.gen.ts
 
 openapi: setup
-	@$(BIN)/python -m server.api.openapi
+	@$(BIN)/python -m server.api.openapi >docs/openapi.json.part && mv docs/openapi.json.part docs/openapi.json

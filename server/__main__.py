@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import httpx
 
@@ -38,7 +38,17 @@ from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
 from server.store.runs import run_id
-from server.terminal import CaptureFollower, TrainingBar, metrics_table
+from server.terminal import (
+    CaptureFollower,
+    OneLineParser,
+    TrainingBar,
+    count,
+    fleet_size,
+    metrics_table,
+    port,
+    seconds,
+    seed,
+)
 
 SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
 
@@ -190,12 +200,14 @@ def _problem(answer: httpx.Response) -> str:
     """Return in one line what a console, or whatever else answers there, says is wrong."""
     try:
         problem = answer.json()
-        faults = [f"{e['field'].removeprefix('body.')}: {e['detail']}" for e in problem["errors"]]
-        return "; ".join(faults)
-    except (ValueError, TypeError):
+    except json.JSONDecodeError:
+        problem = None
+    if not isinstance(problem, dict):
         return f"{answer.url} is no console, it answers {answer.status_code}"
-    except KeyError:
-        return str(problem.get("detail") or problem.get("title") or answer.status_code)
+    faults = [
+        f"{e['field'].removeprefix('body.')}: {e['detail']}" for e in problem.get("errors", [])
+    ]
+    return "; ".join(faults) or problem.get("detail") or str(answer.status_code)
 
 
 def train(arguments: argparse.Namespace) -> int:
@@ -243,16 +255,8 @@ async def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong; the usage is one ``--help`` away."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print one line and end with exit code 2."""
-        self.exit(2, f"dronerf: {message} (see {self.prog} --help)\n")
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = OneLineParser(
         prog="dronerf", description="Operator console for drone-captured radiance fields."
     )
     parser.add_argument("--verbose", action="store_true", help="log everything to stderr")
@@ -267,9 +271,9 @@ def _parser() -> argparse.ArgumentParser:
         help="planned viewpoints, or the fixed ring (optimized)",
     )
     _drones(part)
-    part.add_argument("--pictures", type=_count, default=24, help="pictures in all (24)")
+    part.add_argument("--pictures", type=count, default=24, help="pictures in all (24)")
     part.add_argument(
-        "--train-seconds", type=_positive, default=60.0, help="training of the judged field (60)"
+        "--train-seconds", type=seconds, default=60.0, help="training of the judged field (60)"
     )
     part.add_argument("--headless", action="store_true", help="no console; end after the mission")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
@@ -294,26 +298,26 @@ def _parser() -> argparse.ArgumentParser:
         "--url", default="http://127.0.0.1:8000", help="the console (http://127.0.0.1:8000)"
     )
     part.add_argument("--mode", choices=("optimized", "standard"), help="(optimized)")
-    part.add_argument("--drones", type=_fleet_size, help="how many drones to use (all)")
-    part.add_argument("--pictures", type=_count, help="pictures in all (24)")
-    part.add_argument("--train-seconds", type=_positive, help="training of the judged field (60)")
+    part.add_argument("--drones", type=fleet_size, help="how many drones to use (all)")
+    part.add_argument("--pictures", type=count, help="pictures in all (24)")
+    part.add_argument("--train-seconds", type=seconds, help="training of the judged field (60)")
     part.add_argument("--name", help="what to call it; also part of the run folder's name")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
     part = _command(commands, "train", train, "train on any folder with transforms.json")
     part.add_argument("dataset", type=Path, help="folder with transforms.json")
     length = part.add_mutually_exclusive_group()
-    length.add_argument("--seconds", type=_positive, help="training time (60)")
-    length.add_argument("--steps", type=_count, help="training steps instead")
-    part.add_argument("--downscale", type=_count, help="divide picture sizes by this")
-    part.add_argument("--test-every", type=_count, default=8, help="hold out every n-th (8)")
+    length.add_argument("--seconds", type=seconds, help="training time (60)")
+    length.add_argument("--steps", type=count, help="training steps instead")
+    part.add_argument("--downscale", type=count, help="divide picture sizes by this")
+    part.add_argument("--test-every", type=count, default=8, help="hold out every n-th (8)")
     part.add_argument(
         "--backend",
         choices=("numba", "torch"),
         default="numba",
         help="fast kernels, or the slow definition they are checked against (numba)",
     )
-    part.add_argument("--seed", type=_seed, default=0, help="seed of everything random (0)")
+    part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
     return parser
@@ -326,46 +330,14 @@ def _command(commands: Any, name: str, run: Any, text: str) -> argparse.Argument
 
 
 def _drones(part: argparse.ArgumentParser) -> None:
-    part.add_argument("--drones", type=_fleet_size, default=4, help="1 to 8 (4)")
-    part.add_argument("--seed", type=_seed, default=0, help="seed of everything random (0)")
+    part.add_argument("--drones", type=fleet_size, default=4, help="1 to 8 (4)")
+    part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
 
 
 def _where(part: argparse.ArgumentParser) -> None:
     part.add_argument("--host", help="address to listen on (127.0.0.1)")
-    part.add_argument("--port", type=_port, help="port to listen on (8000)")
+    part.add_argument("--port", type=port, help="port to listen on (8000)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
-
-
-def _whole(text: str, least: int, most: int, rule: str) -> int:
-    if not text.isascii() or not text.isdecimal() or not least <= int(text) <= most:
-        raise argparse.ArgumentTypeError(f"must be {rule}, not {text}")
-    return int(text)
-
-
-def _count(text: str) -> int:
-    return _whole(text, 1, 10**9, "a whole number, at least 1")
-
-
-def _fleet_size(text: str) -> int:
-    return _whole(text, 1, 8, "1 to 8")
-
-
-def _seed(text: str) -> int:
-    return _whole(text, 0, 2**32 - 1, "a whole number from 0 to 4294967295")
-
-
-def _port(text: str) -> int:
-    return _whole(text, 0, 65535, "a port from 0 (any free one) to 65535")
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1e6:
-        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text}")
-    return value
 
 
 if __name__ == "__main__":

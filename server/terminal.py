@@ -1,14 +1,16 @@
 """What a person at the terminal sees: the mission's course, a training bar, the table of results.
 
-Everything but the table goes to stderr.
+Everything but the table goes to stderr. Also what a person types: numbers of the command line are
+read here, and what is wrong with them is said in one line.
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 from server.mission.events import (
     CaptureChanged,
@@ -152,3 +154,48 @@ def metrics_table(result: dict[str, Any]) -> str:
         lines.append(f"    {phase:<28}{seconds:.1f} s")
     lines.append(f"  {'run':<30}{result['run']}")
     return "\n".join(lines)
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong; the usage is one ``--help`` away."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line and end with exit code 2."""
+        self.exit(2, f"dronerf: {message} (see {self.prog} --help)\n")
+
+
+def _whole(text: str, least: int, most: int, rule: str) -> int:
+    if not text.isascii() or not text.isdecimal() or not least <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"must be {rule}, not {text}")
+    return int(text)
+
+
+def count(text: str) -> int:
+    """Read a number of things; like all below it raises ``argparse.ArgumentTypeError``."""
+    return _whole(text, 1, 10**9, "a whole number, at least 1")
+
+
+def fleet_size(text: str) -> int:
+    """Read a number of drones."""
+    return _whole(text, 1, 8, "1 to 8")
+
+
+def seed(text: str) -> int:
+    """Read a seed."""
+    return _whole(text, 0, 2**32 - 1, "a whole number from 0 to 4294967295")
+
+
+def port(text: str) -> int:
+    """Read a TCP port."""
+    return _whole(text, 0, 65535, "a port from 0 (any free one) to 65535")
+
+
+def seconds(text: str) -> float:
+    """Read a positive duration, seconds."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1e6:
+        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text}")
+    return value

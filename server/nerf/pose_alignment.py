@@ -18,7 +18,6 @@ so that a drone (or a picture) with a wrong belief moves the world frame little.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -192,7 +191,7 @@ def carry_corrections(
     T_world_cam: Array,
     T_refined: Array,
     refined: NDArray[np.bool_],
-    drone: Sequence[int],
+    drone: NDArray[np.int_],
     at_s: Array,
 ) -> Array:
     """Return poses ``(n, 4, 4)``: the refined ones, and the others moved as their neighbours were.
@@ -209,10 +208,9 @@ def carry_corrections(
         at_s: When each picture was taken ``(n,)``, seconds.
     """
     out = np.where(refined[:, None, None], T_refined, T_world_cam)
-    drones = np.asarray(drone)
-    for d in np.unique(drones):
-        known = np.flatnonzero(refined & (drones == d))
-        missing = np.flatnonzero(~refined & (drones == d))
+    for d in np.unique(drone):
+        known = np.flatnonzero(refined & (drone == d))
+        missing = np.flatnonzero(~refined & (drone == d))
         if not len(known):
             continue
         known = known[np.argsort(at_s[known], kind="stable")]

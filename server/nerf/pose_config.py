@@ -30,8 +30,6 @@ class PoseConfig:
         min_resection_matches: Fewest verified 2D-3D matches that register a picture.
         min_triangulation_angle_rad: Rays that meet at a smaller angle make no point.
         max_reprojection_error_px: Observations with a larger error are removed.
-        refine_focal: Whether one focal length per camera is estimated along with the poses; only
-            for cameras whose calibration is not trusted.
         min_model_pictures: A connected reconstruction with fewer pictures is dropped.
         drone_offset_sigma_m: Standard deviation of the error that all believed positions of one
             drone have in common (how exactly it was set down), metres per axis.
@@ -60,7 +58,6 @@ class PoseConfig:
     min_resection_matches: int = 15
     min_triangulation_angle_rad: float = math.radians(1.5)
     max_reprojection_error_px: float = 3.0
-    refine_focal: bool = False
     min_model_pictures: int = 3
     drone_offset_sigma_m: float = 0.2
     drone_yaw_sigma_rad: float = math.radians(8.0)

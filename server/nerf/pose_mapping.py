@@ -41,14 +41,12 @@ class Model:
         points_model: Triangulated points ``(p, 3)``.
         observations: One row per observation ``(o, 4)``: position in ``indices``, row of
             ``points_model``, x and y in pixels (pixel centres).
-        focal_factor: Estimated focal length over the given one, 1 where it was not estimated.
     """
 
     indices: NDArray[np.int_]
     T_model_cam: Array
     points_model: Array
     observations: Array
-    focal_factor: float
 
 
 def _camera_text(intrinsics: Intrinsics) -> tuple[str, str]:
@@ -101,7 +99,7 @@ class Mapper:
         for file, name in zip(files, self._names, strict=True):
             shutil.copyfile(file, self._root / name)
         # COLMAP reports every step on stderr; what matters comes back as values.
-        pycolmap.logging.minloglevel = pycolmap.logging.Level.ERROR.value
+        pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
         pycolmap.set_random_seed(config.seed)
 
     def _check_stop(self) -> None:
@@ -178,7 +176,7 @@ class Mapper:
         options.extract_colors = False
         options.min_num_matches = config.min_pair_matches
         options.min_model_size = config.min_model_pictures
-        options.ba_refine_focal_length = config.refine_focal
+        options.ba_refine_focal_length = False
         options.ba_refine_extra_params = False
         options.ba_local_max_num_iterations = 15
         options.ba_global_max_num_iterations = 25
@@ -244,11 +242,9 @@ class Mapper:
             for point in images[index].get_observation_points2D():
                 x, y = point.xy
                 observations.append((position, row_of[point.point3D_id], x - 0.5, y - 0.5))
-        first = self._intrinsics[int(indices[0])]
         return Model(
             indices,
             inverse(T_cam_model),
             np.array([reconstruction.point3D(i).xyz for i in point_ids]).reshape(-1, 3),
             np.array(observations).reshape(-1, 4),
-            images[int(indices[0])].camera.focal_length_x / first.fx,
         )

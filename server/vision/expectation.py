@@ -16,7 +16,7 @@ _CENTROID_SHARE = 0.15
 _SMALLEST_SIGMA_PX = 20.0
 # Half the extent of an object of unknown size, and how far beyond it the floor is surely free.
 _UNKNOWN_EXTENT_M = 0.4
-_CLEAR_M = 3.0
+_CLEAR_M = 1.5
 
 
 def expected_region(

@@ -27,7 +27,7 @@ Bins = NDArray[np.intp]
 # A colour that never occurs in the background surprises by -log of this.
 _LEAST_PROBABILITY = 2e-5
 # Share of the background that may surprise more than the threshold.
-_FLOOR_SHARE, _WALL_SHARE = 0.05, 0.07
+_FLOOR_SHARE, _WALL_SHARE = 0.03, 0.07
 _WALL_LEAST = 4.5
 _BAND_ROWS, _BAND_MARGIN = 12, 8
 _FOOT_TOLERANCE = 8.0
@@ -119,7 +119,7 @@ def grow_up(mask: Mask, bins_lab: Bins, bins: int, ground: Ground, scale: int) -
     if ys.min() > top + 4 or top <= 4:
         return mask
     width = mask.shape[1]
-    spread = 0.45 * (xs.max() - xs.min() + 1) + 3
+    spread = 0.2 * (xs.max() - xs.min() + 1) + 3
     left, right = int(max(0, xs.min() - spread)), int(min(width - 1, xs.max() + spread))
     beside = np.ones(mask.shape, np.float32)
     beside[:, left : right + 1] = 0.0

@@ -38,7 +38,7 @@ from server.vision.scale_space import (
 )
 
 # Evidence against floor, nats beyond the threshold, that no cut overrules.
-_SURE = 1.5
+_SURE = 2.5
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -195,7 +195,7 @@ def _search_on_floor(
     best: tuple[float, Mask, Blob] | None = None
     for blob in blobs[: config.candidates]:
         radius = np.sqrt(2.0) * blob.sigma_px
-        near = (abs(x - blob.x_px) < 3.0 * radius + 4) & (abs(y - blob.y_px) < 3.5 * radius + 6)
+        near = (abs(x - blob.x_px) < 2.0 * radius + 4) & (abs(y - blob.y_px) < 3.5 * radius + 6)
         mask = keep_object(surprising & near, blob.x_px, blob.y_px, radius)
         if mask.sum() < config.min_area_share * mask.size:
             continue

@@ -11,7 +11,8 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
     const size = seed.size.map((metres) => metres.toFixed(2)).join(" × ");
     rows.push([text.object, text.objectSize(size, seed.boxes, seed.views)]);
   }
-  if (planning !== null) {
+  // After a reconnection the annealing's last word may come behind the plan it led to.
+  if (planning !== null && (plan === null || planning.at > plan.at)) {
     const share = planning.iterations === 0 ? 0 : planning.iteration / planning.iterations;
     rows.push([text.plan, text.planning(Math.round(100 * share))]);
     rows.push([text.fitness, planning.fitness.toFixed(4)]);

@@ -5,11 +5,13 @@ import { appendReport } from "./series";
 import {
   isActive,
   NO_FINDINGS,
+  NO_MISSION,
   type ConsoleState,
   type Findings,
   type LocalMessage,
   type LogLine,
   type Message,
+  type Mission,
 } from "./state";
 
 /** Lines the event log keeps; the oldest go first. The run folder has them all. */
@@ -26,7 +28,7 @@ const MOST_ALARMS = 3;
 export function reduce(state: ConsoleState, message: Message, nowMs: number): ConsoleState {
   return isLocal(message)
     ? reduceLocal(state, message, nowMs)
-    : reduceServer({ ...state, lastMessageMs: nowMs }, message, nowMs);
+    : reduceServer(settled({ ...state, lastMessageMs: nowMs }, message, nowMs), message, nowMs);
 }
 
 /** Every tag of the local messages, once; the compiler refuses a missing or a foreign one. */
@@ -47,12 +49,12 @@ function isLocal(message: Message): message is LocalMessage {
 function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number): ConsoleState {
   switch (message.type) {
     case "stream_opened":
-      // The server repeats what stands, so nothing has to be forgotten here.
       return {
         ...state,
         connection: { kind: "open" },
         epoch: state.epoch + 1,
         lastMessageMs: nowMs,
+        arriving: { mission: NO_MISSION, sinceMs: nowMs },
       };
     case "stream_lost":
       if (state.connection.kind === "lost" || state.connection.kind === "signed_out") return state;
@@ -77,30 +79,6 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
       drones.set(message.drone_id, { report: message, receivedMs: nowMs });
       return { ...state, drones };
     }
-    case "capture_changed":
-      return withCapture(state, message);
-    case "capture_taken":
-      return found(state, { pictures: withPicture(state.findings.pictures, message) });
-    case "plan_progressed":
-      return found(state, { planning: message });
-    case "plan_found":
-      return found(state, { plan: message, planning: null });
-    case "seed_fitted":
-      return found(state, { seed: message });
-    case "training_progressed": {
-      const { quality, training } = state.findings;
-      const next = found(state, {
-        training: message,
-        quality: appendReport(quality, training, message),
-      });
-      return withStep(next, message.at);
-    }
-    case "poses_refined":
-      return found(state, { poses: message });
-    case "preview_rendered":
-      return found(state, { preview: message });
-    case "metrics_measured":
-      return found(state, { metrics: message });
     case "noted":
       return withLine(state, { ...message, droneId: message.drone_id });
     case "missed":
@@ -110,11 +88,96 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
         text: en.log.missed(message.events),
         droneId: null,
       });
+    case "capture_changed":
+    case "capture_taken":
+    case "plan_progressed":
+    case "plan_found":
+    case "seed_fitted":
+    case "training_progressed":
+    case "poses_refined":
+    case "preview_rendered":
+    case "metrics_measured": {
+      const { arriving } = state;
+      if (arriving === null) return { ...state, ...reduceMission(state, message, true) };
+      const mission = reduceMission(arriving.mission, message, false);
+      return { ...state, arriving: { ...arriving, mission } };
+    }
   }
 }
 
-function found(state: ConsoleState, news: Partial<Findings>): ConsoleState {
-  return { ...state, findings: { ...state.findings, ...news } };
+/** A fleet reports last of all that stands; without one, this much time must do. */
+const LONGEST_ARRIVAL_MS = 2000;
+
+/** Show the mission that has arrived once it is whole. */
+function settled(state: ConsoleState, message: ServerMessage, nowMs: number): ConsoleState {
+  const { arriving } = state;
+  if (arriving === null) return state;
+  const late = nowMs - arriving.sinceMs > LONGEST_ARRIVAL_MS;
+  if (message.type !== "drone_reported" && !late) return state;
+  return { ...state, ...joined(missionOf(state), arriving.mission), arriving: null };
+}
+
+/** The mission as it arrived, with what only this browser remembers of the same capture. */
+function joined(before: Mission, arrived: Mission): Mission {
+  if (arrived.capture === null || before.capture?.id !== arrived.capture.id) return arrived;
+  const { training, quality } = before.findings;
+  const news = arrived.findings.training;
+  const known = news === null || news.at === training?.at;
+  return {
+    ...arrived,
+    stepEntered: { ...arrived.stepEntered, ...before.stepEntered },
+    findings: {
+      ...arrived.findings,
+      training: known ? training : news,
+      quality: known ? quality : appendReport(quality, training, news),
+    },
+  };
+}
+
+/** The mission alone, where the whole state may have been handed in. */
+function missionOf(mission: Mission): Mission {
+  const { capture, step, stepEntered, findings } = mission;
+  return { capture, step, stepEntered, findings };
+}
+
+type MissionMessage = Exclude<
+  ServerMessage,
+  { readonly type: "drone_reported" | "noted" | "missed" }
+>;
+
+/** Take in news of the mission; `live` when they are not a repetition of what stands. */
+function reduceMission(mission: Mission, message: MissionMessage, live: boolean): Mission {
+  switch (message.type) {
+    case "capture_changed":
+      return withCapture(mission, message, live);
+    case "capture_taken":
+      return found(mission, { pictures: withPicture(mission.findings.pictures, message) });
+    case "plan_progressed":
+      return found(mission, { planning: message });
+    case "plan_found":
+      return found(mission, { plan: message, planning: null });
+    case "seed_fitted":
+      return found(mission, { seed: message });
+    case "training_progressed": {
+      const { quality, training } = mission.findings;
+      const next = found(mission, {
+        training: message,
+        quality: appendReport(quality, training, message),
+      });
+      return withStep(next, message.at);
+    }
+    case "poses_refined":
+      return found(mission, { poses: message });
+    case "preview_rendered":
+      return found(mission, { preview: message });
+    case "metrics_measured":
+      return found(mission, { metrics: message });
+  }
+}
+
+function found(mission: Mission, news: Partial<Findings>): Mission {
+  const { capture, step, stepEntered, findings } = mission;
+  return { capture, step, stepEntered, findings: { ...findings, ...news } };
 }
 
 function withHeld(state: ConsoleState, droneId: string | null): ConsoleState["drones"] {
@@ -140,30 +203,24 @@ function withPicture(
  * Take over a capture's new state.
  *
  * The capture at hand is the active one, else the newest; a report about an older one changes
- * nothing. When another one becomes active, the findings of the last one go.
+ * nothing. When another one begins (`live`), the findings of the last one go.
  */
-function withCapture(state: ConsoleState, capture: CaptureReport): ConsoleState {
-  const current = state.capture;
+function withCapture(mission: Mission, capture: CaptureReport, live: boolean): Mission {
+  const current = mission.capture;
   if (current === null || current.id === capture.id) {
-    return withStep({ ...state, capture }, capture.at);
+    return withStep({ ...missionOf(mission), capture }, capture.at);
   }
-  if (!isActive(capture) && (isActive(current) || capture.at < current.at)) return state;
-  const fresh: ConsoleState = {
-    ...state,
-    capture,
-    step: null,
-    stepEntered: {},
-    findings: isActive(capture) ? NO_FINDINGS : state.findings,
-  };
-  return withStep(fresh, capture.at);
+  if (!isActive(capture) && (isActive(current) || capture.at < current.at)) return mission;
+  const findings = live ? NO_FINDINGS : mission.findings;
+  return withStep({ capture, step: null, stepEntered: {}, findings }, capture.at);
 }
 
 /** Move the timeline to where capture and training stand; it never moves back. */
-function withStep(state: ConsoleState, at: string): ConsoleState {
-  if (state.capture === null) return state;
-  const step = stepOfPhase(state.capture.phase, state.findings.training?.stage ?? null);
-  if (step === null || step === state.step || isBefore(step, state.step)) return state;
-  return { ...state, step, stepEntered: { ...state.stepEntered, [step]: at } };
+function withStep(mission: Mission, at: string): Mission {
+  if (mission.capture === null) return mission;
+  const step = stepOfPhase(mission.capture.phase, mission.findings.training?.stage ?? null);
+  if (step === null || step === mission.step || isBefore(step, mission.step)) return mission;
+  return { ...mission, step, stepEntered: { ...mission.stepEntered, [step]: at } };
 }
 
 function isBefore(step: Step, other: Step | null): boolean {

@@ -50,18 +50,28 @@ export interface Findings {
   readonly metrics: MetricsReport | null;
 }
 
-export interface ConsoleState {
+/** The capture at hand: how far it is and what it has found. */
+export interface Mission {
+  readonly capture: CaptureReport | null;
+  /** The furthest step reached, with the time each was entered (ISO 8601). */
+  readonly step: Step | null;
+  readonly stepEntered: Readonly<Partial<Record<Step, string>>>;
+  readonly findings: Findings;
+}
+
+export interface ConsoleState extends Mission {
   readonly connection: Connection;
   /** Times the socket opened; whatever depends on the server's life starts anew with it. */
   readonly epoch: number;
   readonly lastMessageMs: number | null;
   /** By drone id, in the server's order. */
   readonly drones: ReadonlyMap<string, DroneState>;
-  readonly capture: CaptureReport | null;
-  /** The furthest step reached, with the time each was entered (ISO 8601). */
-  readonly step: Step | null;
-  readonly stepEntered: Readonly<Partial<Record<Step, string>>>;
-  readonly findings: Findings;
+  /**
+   * The mission as the server repeats it after the socket opened, until all of it is here; null at
+   * all other times. It is kept aside because its parts come in no order that tells them from
+   * those of an earlier capture.
+   */
+  readonly arriving: { readonly mission: Mission; readonly sinceMs: number } | null;
   /** What the operator asked for and did not get; each stands until it is dismissed. */
   readonly alarms: readonly LogLine[];
   readonly log: readonly LogLine[];
@@ -104,15 +114,20 @@ export const NO_FINDINGS: Findings = {
   metrics: null,
 };
 
+export const NO_MISSION: Mission = {
+  capture: null,
+  step: null,
+  stepEntered: {},
+  findings: NO_FINDINGS,
+};
+
 export const INITIAL_STATE: ConsoleState = {
   connection: { kind: "connecting" },
   epoch: 0,
   lastMessageMs: null,
   drones: new Map(),
-  capture: null,
-  step: null,
-  stepEntered: {},
-  findings: NO_FINDINGS,
+  ...NO_MISSION,
+  arriving: null,
   alarms: [],
   log: [],
   nextLogId: 0,

@@ -1,0 +1,149 @@
+"""``dronerf bench nerf``: the field alone, on perfect pictures with true poses.
+
+24 even views of the upper hemisphere, 400x400, white background; 20 other even views held out.
+Time spent on evaluation is not counted; compiling is not counted either and stated as
+``cold_start_s``. The torch path runs in the same process on the same pictures for a few steps.
+"""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import Intrinsics
+from server.geometry.poses import look_at
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import Dataset
+from server.nerf.preview import render_preview
+from server.nerf.training import Trainer
+from server.sim.meshes import ObjectModel
+from server.sim.scenes.catalogue import load_object
+from server.sim.world import World
+
+Array = NDArray[np.float64]
+
+_SIDE_PX = 400
+_TRAINING_VIEWS, _HELD_OUT_VIEWS, _FEW_VIEWS = 24, 20, 8
+_MARKS_S = (10.0, 30.0, 60.0)
+_REFERENCE_STEPS = 2
+
+
+def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, Any]:
+    """Return the figures of one scene; pictures go to ``out`` when it is given."""
+    model = load_object(scene)
+    views = _hemisphere_views(model, _TRAINING_VIEWS, 0.0)
+    others = _hemisphere_views(model, _HELD_OUT_VIEWS, 0.5)
+    dataset = _render_dataset(model, np.concatenate([views, others]))
+    held_out = list(range(_TRAINING_VIEWS, _TRAINING_VIEWS + _HELD_OUT_VIEWS))
+    begun_s = time.monotonic()
+    _trainer(dataset, held_out, seed, threads).run(steps=2)
+    result: dict[str, Any] = {"cold_start_s": round(time.monotonic() - begun_s, 2)}
+    for mark_s in _MARKS_S:
+        # Each mark is a run of its own: the schedule of a run ends with a settled field.
+        trainer = _trainer(dataset, held_out, seed, threads)
+        trainer.run(seconds=mark_s)
+        metrics = trainer.evaluate(held_out).metrics
+        result[f"psnr_db_{mark_s:.0f}s"] = round(metrics.psnr_db, 3)
+        result["samples_per_s"] = round(trainer.samples_per_s, 1)
+        if mark_s == _MARKS_S[-1]:
+            result["ssim_60s"] = round(metrics.ssim, 4)
+            result["preview_ms"] = _preview_ms(trainer)
+            if out is not None:
+                _write_comparison(trainer, held_out[:4], out / f"{Path(scene).stem}.png")
+    few = [index * _TRAINING_VIEWS // _FEW_VIEWS for index in range(_FEW_VIEWS)]
+    unseen = [index for index in range(len(dataset)) if index not in few]
+    trainer = _trainer(dataset, unseen, seed, threads)
+    trainer.run(seconds=_MARKS_S[-1])
+    result["psnr_db_8_views"] = round(trainer.evaluate(held_out).metrics.psnr_db, 3)
+    reference = _trainer(dataset, held_out, seed, threads, backend="torch")
+    reference.run(steps=_REFERENCE_STEPS)
+    result["reference_samples_per_s"] = round(reference.samples_per_s, 1)
+    result["ratio"] = round(result["samples_per_s"] / reference.samples_per_s, 2)
+    peak_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    result["peak_memory_mb"] = round(peak_kb / 1024.0, 1)
+    return result
+
+
+def _trainer(
+    dataset: Dataset, held_out: list[int], seed: int, threads: int, backend: Any = "numba"
+) -> Trainer:
+    return Trainer(
+        dataset,
+        FieldConfig(),
+        TrainConfig(),
+        held_out=held_out,
+        backend=backend,
+        seed=seed,
+        threads=threads,
+    )
+
+
+def _hemisphere_views(model: ObjectModel, count: int, phase: float) -> Array:
+    """Return ``count`` poses even over the upper hemisphere (Fibonacci spiral), whole in view."""
+    size = np.ptp(model.vertices, axis=0)
+    centre = model.vertices.min(axis=0) + size / 2.0
+    radius = 1.6 * float(np.linalg.norm(size)) / 2.0 / np.tan(np.deg2rad(20.0))
+    index = np.arange(count) + 0.5
+    height = np.clip(index / count, 0.02, 0.97)
+    azimuth = 2.0 * np.pi * (index * (np.sqrt(5.0) - 1.0) / 2.0 + phase)
+    across = np.sqrt(1.0 - height**2)
+    offsets = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
+    return np.stack([look_at(centre + radius * offset, centre) for offset in offsets])
+
+
+def _render_dataset(model: ObjectModel, T_world_cam: Array) -> Dataset:
+    """Return the pictures of ``T_world_cam`` ``(n, 4, 4)`` on white, in memory."""
+    focal = _SIDE_PX / 2.0 / np.tan(np.deg2rad(20.0))
+    middle = (_SIDE_PX - 1) / 2.0
+    camera = Intrinsics(_SIDE_PX, _SIDE_PX, focal, focal, middle, middle)
+    world = World(model, intrinsics=camera, supersample=2)
+    images, masks = [], []
+    try:
+        for T in T_world_cam:
+            mask = world.silhouette(T)
+            image = world.render(T)[:, :, ::-1].copy()
+            image[~mask] = 255
+            images.append(image)
+            masks.append(mask)
+    finally:
+        world.close()
+    lower, upper = model.vertices.min(axis=0), model.vertices.max(axis=0)
+    files = tuple(Path(f"{index:04d}.png") for index in range(len(images)))
+    return Dataset(
+        Path("."),
+        files,
+        tuple(images),
+        tuple(masks),
+        (camera,) * len(images),
+        T_world_cam,
+        Box3(lower.astype(float), upper.astype(float)),
+    )
+
+
+def _preview_ms(trainer: Trainer) -> float:
+    times = []
+    for turn in (0.1, 0.4, 0.7):
+        begun_s = time.monotonic()
+        render_preview(trainer, turn)
+        times.append(time.monotonic() - begun_s)
+    return round(1e3 * float(np.median(times)), 1)
+
+
+def _write_comparison(trainer: Trainer, indices: list[int], path: Path) -> None:
+    """Write truth above rendering for some held-out views."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    dataset = trainer.dataset
+    shown = [
+        np.clip(trainer.render(dataset.intrinsics[i], dataset.T_world_cam[i]).rgb, 0, 1) * 255.0
+        for i in indices
+    ]
+    truth = np.concatenate([dataset.images[i] for i in indices], axis=1)
+    sheet = np.concatenate([truth, np.concatenate(shown, axis=1).astype(np.uint8)])
+    cv2.imwrite(str(path), sheet[:, :, ::-1])

@@ -1,0 +1,53 @@
+"""Starts the real programs as child processes, as a user would."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+
+TOKEN = "a-token-for-tests"
+COMMAND = [sys.executable, "-P", "-m", "server"]
+
+
+def free_port() -> int:
+    """Return a TCP port nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextmanager
+def console(runs: Path, *arguments: str) -> Iterator[str]:
+    """Run ``dronerf serve`` and yield its address once it answers."""
+    port = free_port()
+    environment = os.environ | {"DRONERF_TOKEN": TOKEN}
+    process = subprocess.Popen(
+        [*COMMAND, "serve", "--port", str(port), "--runs", str(runs), *arguments],
+        env=environment,
+    )
+    address = f"http://127.0.0.1:{port}"
+    try:
+        deadline = time.monotonic() + 120.0
+        while True:
+            assert process.poll() is None, "the console ended"
+            assert time.monotonic() < deadline, "the console does not answer"
+            try:
+                if httpx.get(f"{address}/readyz").status_code == 200:
+                    break
+            except httpx.TransportError:
+                time.sleep(0.2)
+        yield address
+    finally:
+        process.terminate()
+        try:
+            process.wait(30.0)
+        finally:
+            process.kill()

@@ -1,0 +1,56 @@
+import { describe, expect, it } from "vitest";
+import { parseTile, TileError } from "./tile";
+
+const HEADER = { drone_id: "drone-1", sequence: 70_001, age_s: 0.125, damaged: false };
+const JPEG = Uint8Array.from([0xff, 0xd8, 1, 2, 3, 0xff, 0xd9]);
+
+function message(headerText: string, jpeg: Uint8Array = JPEG, length?: number): ArrayBuffer {
+  const header = new TextEncoder().encode(headerText);
+  const bytes = new Uint8Array(4 + header.length + jpeg.length);
+  new DataView(bytes.buffer).setUint32(0, length ?? header.length);
+  bytes.set(header, 4);
+  bytes.set(jpeg, 4 + header.length);
+  return bytes.buffer;
+}
+
+describe("parseTile", () => {
+  it("reads header and picture, byte for byte", async () => {
+    const tile = parseTile(message(JSON.stringify(HEADER)));
+    expect(tile.header).toEqual(HEADER);
+    expect(tile.jpeg.type).toBe("image/jpeg");
+    expect(new Uint8Array(await tile.jpeg.arrayBuffer())).toEqual(JPEG);
+  });
+
+  it("counts the header in bytes, not in letters", async () => {
+    const tile = parseTile(message(JSON.stringify({ ...HEADER, drone_id: "drône-é" })));
+    expect(tile.header.drone_id).toBe("drône-é");
+    expect(tile.jpeg.size).toBe(JPEG.length);
+  });
+
+  it("reads the length as big-endian", () => {
+    const bytes = message(JSON.stringify(HEADER));
+    const view = new DataView(bytes);
+    view.setUint32(0, view.getUint32(0), true);
+    expect(() => parseTile(bytes)).toThrow(TileError);
+  });
+
+  it.each([
+    ["nothing", new ArrayBuffer(0)],
+    ["half a length", new ArrayBuffer(3)],
+    ["a header cut short", message(JSON.stringify(HEADER)).slice(0, 20)],
+    ["a length beyond the end", message(JSON.stringify(HEADER), JPEG, 5000)],
+    ["no picture", message(JSON.stringify(HEADER), new Uint8Array())],
+    ["a header that is not JSON", message("{drone")],
+    ["a header that is no object", message("17")],
+    ["a header without sequence", message('{"drone_id":"a","age_s":0,"damaged":false}')],
+    ["a sequence that is text", message(JSON.stringify({ ...HEADER, sequence: "7" }))],
+  ])("refuses %s", (_, bytes) => {
+    expect(() => parseTile(bytes)).toThrow(TileError);
+  });
+
+  it("refuses a header that is not UTF-8", () => {
+    const bytes = message(JSON.stringify(HEADER));
+    new Uint8Array(bytes)[16] = 0xff;
+    expect(() => parseTile(bytes)).toThrow(TileError);
+  });
+});

@@ -1,0 +1,260 @@
+import { describe, expect, it } from "vitest";
+import type {
+  CaptureReport,
+  DroneReport,
+  PictureReport,
+  TrainingReport,
+} from "../protocol/messages.gen";
+import { reduce } from "./reduce";
+import { INITIAL_STATE, type ConsoleState, type Message } from "./state";
+
+const T0 = 1_000_000;
+
+function drone(droneId: string, changes: Partial<DroneReport> = {}): DroneReport {
+  return {
+    type: "drone_reported",
+    at: "2026-01-01T10:00:00Z",
+    drone_id: droneId,
+    name: droneId.toUpperCase(),
+    colour: "#112233",
+    activity: "flying",
+    held: false,
+    battery_pct: 80,
+    temperature_c: 60,
+    height_m: 1,
+    speed_m_s: 0,
+    state_age_s: 0.1,
+    video_age_s: 0.1,
+    video_fps: 15,
+    position_sigma_m: 0.05,
+    ...changes,
+  };
+}
+
+function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureReport {
+  return {
+    type: "capture_changed",
+    at: "2026-01-01T10:00:00Z",
+    id,
+    state: "running",
+    phase: "preflight",
+    progress: 0,
+    eta_s: null,
+    run: `runs/${id}`,
+    error: null,
+    mode: "optimized",
+    round_index: 0,
+    rounds: 6,
+    images: 0,
+    images_total: 24,
+    ...changes,
+  };
+}
+
+function picture(index: number, thumbnail = "data:,"): PictureReport {
+  return { type: "capture_taken", at: "", index, round_index: 0, drone_id: "a", thumbnail };
+}
+
+function training(stage: string, seconds: number, changes: Partial<TrainingReport> = {}): TrainingReport {
+  return {
+    type: "training_progressed",
+    at: `${stage} ${seconds}`,
+    stage,
+    step: 1,
+    seconds,
+    seconds_total: 60,
+    loss: null,
+    psnr_db: 20,
+    held_out_psnr_db: null,
+    samples_per_s: 1e6,
+    images: 24,
+    ...changes,
+  };
+}
+
+function after(messages: readonly Message[], from: ConsoleState = INITIAL_STATE): ConsoleState {
+  return messages.reduce((state, message) => reduce(state, message, T0), from);
+}
+
+describe("reduce: connection", () => {
+  it("counts openings and remembers when the line was lost first", () => {
+    let state = after([{ type: "stream_opened" }]);
+    expect([state.connection.kind, state.epoch]).toEqual(["open", 1]);
+    state = reduce(state, { type: "stream_lost" }, T0 + 5);
+    state = reduce(state, { type: "stream_lost" }, T0 + 900);
+    expect(state.connection).toEqual({ kind: "lost", sinceMs: T0 + 5 });
+    expect(after([{ type: "stream_opened" }], state).epoch).toBe(2);
+  });
+
+  it("stays signed out while the stream keeps trying", () => {
+    const state = after([{ type: "signed_out" }, { type: "stream_lost" }]);
+    expect(state.connection.kind).toBe("signed_out");
+  });
+
+  it("keeps the drones on the page over a reconnection", () => {
+    const state = after([drone("a"), { type: "stream_lost" }, { type: "stream_opened" }]);
+    expect([...state.drones.keys()]).toEqual(["a"]);
+  });
+});
+
+describe("reduce: drones", () => {
+  it("keeps the newest report of each in the order of their first", () => {
+    const state = after([drone("b"), drone("a"), drone("b", { battery_pct: 12 })]);
+    expect([...state.drones.keys()]).toEqual(["b", "a"]);
+    expect(state.drones.get("b")?.report.battery_pct).toBe(12);
+    expect(state.drones.get("b")?.receivedMs).toBe(T0);
+  });
+
+  it("shows an accepted hold at once, and believes the next report", () => {
+    const held = after([drone("a"), drone("b"), { type: "hold_accepted", droneId: null }]);
+    expect([...held.drones.values()].map((each) => each.report.held)).toEqual([true, true]);
+    expect(after([drone("a")], held).drones.get("a")?.report.held).toBe(false);
+    const one = after([drone("a"), drone("b"), { type: "hold_accepted", droneId: "b" }]);
+    expect([...one.drones.values()].map((each) => each.report.held)).toEqual([false, true]);
+  });
+
+  it("changes nothing in place", () => {
+    const before = after([drone("a")]);
+    const drones = before.drones;
+    after([drone("b"), capture("1"), picture(0)], before);
+    expect(before.drones).toBe(drones);
+    expect(drones.size).toBe(1);
+    expect(before.findings.pictures).toEqual([]);
+  });
+});
+
+describe("reduce: capture", () => {
+  it("drops the findings of the last capture when another one begins", () => {
+    const state = after([capture("1"), picture(0), capture("1", { state: "succeeded", phase: "done" })]);
+    expect(state.findings.pictures).toHaveLength(1);
+    const next = after([capture("2", { at: "2026-01-01T11:00:00Z" })], state);
+    expect(next.capture?.id).toBe("2");
+    expect(next.findings.pictures).toEqual([]);
+    expect(next.step).toBe("preflight");
+  });
+
+  it("is not distracted by news of an older one", () => {
+    const state = after([
+      capture("2", { state: "succeeded", at: "2026-01-01T11:00:00Z" }),
+      picture(0),
+      capture("1", { state: "interrupted", at: "2026-01-01T10:00:00Z" }),
+    ]);
+    expect(state.capture?.id).toBe("2");
+    expect(state.findings.pictures).toHaveLength(1);
+  });
+
+  it("keeps pictures in order of taking, each once", () => {
+    const { pictures } = after([picture(2), picture(0), picture(2, "data:,again"), picture(1)]).findings;
+    expect(pictures.map((each) => each.index)).toEqual([0, 1, 2]);
+    expect(pictures[2]?.thumbnail).toBe("data:,again");
+  });
+
+  it("moves along the course and never back", () => {
+    const phases = ["preflight", "take_off", "centre", "seed", "plan", "fly", "tune", "capture", "fly"];
+    const state = after(phases.map((phase) => capture("1", { phase })));
+    expect(state.step).toBe("rounds");
+    expect(after([capture("1", { phase: "land" }), capture("1", { phase: "seed" })], state).step).toBe("land");
+  });
+
+  it("keeps the step where a capture ended early", () => {
+    const state = after([capture("1", { phase: "seed" }), capture("1", { phase: "ended", state: "failed" })]);
+    expect(state.step).toBe("seed");
+  });
+
+  it("tells refining from training by the training's stage", () => {
+    let state = after([capture("1", { phase: "fly" }), training("live", 3), capture("1", { phase: "train" })]);
+    expect(state.step).toBe("refine");
+    state = after([training("refine", 1)], state);
+    expect(state.step).toBe("refine");
+    state = after([training("train", 1)], state);
+    expect(state.step).toBe("train");
+    expect(state.stepEntered.train).toBe("train 1");
+  });
+});
+
+describe("reduce: what the server repeats after a reconnection", () => {
+  const repeated: Message[] = [
+    capture("1", { state: "succeeded", at: "2026-01-01T09:00:00Z" }),
+    picture(0),
+    picture(1),
+    capture("2", { phase: "train", at: "2026-01-01T10:30:00Z" }),
+    training("train", 9),
+  ];
+
+  it("belongs to the newest capture, in whatever order it comes", () => {
+    const state = after([{ type: "stream_opened" }, ...repeated, drone("a")]);
+    expect(state.capture?.id).toBe("2");
+    expect(state.findings.pictures).toHaveLength(2);
+    expect(state.arriving).toBeNull();
+  });
+
+  it("is not shown in part", () => {
+    const before = after([capture("2", { phase: "train" }), picture(0), training("train", 5)]);
+    const state = after([{ type: "stream_opened" }, ...repeated.slice(0, 1)], before);
+    expect(state.capture?.id).toBe("2");
+    expect(state.findings.pictures).toHaveLength(1);
+  });
+
+  it("keeps the curve that only this browser remembers", () => {
+    const before = after([capture("2", { phase: "train" }), training("train", 5), training("train", 6)]);
+    const state = after([{ type: "stream_opened" }, ...repeated, drone("a")], before);
+    expect(state.findings.quality.seconds).toEqual([5, 6, 9]);
+    const again = after([{ type: "stream_opened" }, ...repeated, drone("a")], state);
+    expect(again.findings.quality.seconds).toEqual([5, 6, 9]);
+  });
+
+  it("replaces all when another capture was made meanwhile", () => {
+    const before = after([capture("1"), picture(0), picture(1), picture(2), training("train", 5)]);
+    const other = capture("2", { state: "succeeded", at: "2026-01-01T12:00:00Z" });
+    const state = after([{ type: "stream_opened" }, other, picture(0), drone("a")], before);
+    expect(state.findings.pictures).toHaveLength(1);
+    expect(state.findings.quality.seconds).toEqual([]);
+  });
+
+  it("does not wait for a fleet that never reports", () => {
+    let state = after([{ type: "stream_opened" }, capture("1")]);
+    expect(state.capture).toBeNull();
+    state = reduce(state, capture("1", { phase: "seed" }), T0 + 2001);
+    expect(state.step).toBe("seed");
+  });
+});
+
+describe("reduce: log and alarms", () => {
+  const note = (text: string, at = "t"): Message => ({
+    type: "noted",
+    at,
+    level: "info",
+    text,
+    drone_id: null,
+  });
+
+  it("holds the newest lines, numbered, and a repeated one once", () => {
+    const many = Array.from({ length: 510 }, (_, index) => note(`line ${index}`));
+    const { log } = after([...many, note("line 509")]);
+    expect(log).toHaveLength(500);
+    expect(log[0]?.text).toBe("line 10");
+    expect(log.at(-1)?.text).toBe("line 509");
+    expect(new Set(log.map((line) => line.id)).size).toBe(500);
+  });
+
+  it("says how much was missed", () => {
+    const { log } = after([{ type: "missed", events: 17 }]);
+    expect(log[0]?.level).toBe("warning");
+    expect(log[0]?.text).toContain("17");
+  });
+
+  it("keeps alarms until dismissed, the same one once, and logs each", () => {
+    const alarm = (text: string, at: string): Message => ({
+      type: "alarm_raised",
+      at,
+      text,
+      droneId: null,
+    });
+    let state = after([alarm("x", "1"), alarm("x", "2"), alarm("y", "3")]);
+    expect(state.alarms.map((each) => each.text)).toEqual(["x", "y"]);
+    expect(state.log).toHaveLength(3);
+    const [first] = state.alarms;
+    state = after([{ type: "alarm_dismissed", id: first?.id ?? -1 }], state);
+    expect(state.alarms.map((each) => each.text)).toEqual(["y"]);
+  });
+});
