@@ -11,6 +11,7 @@ import asyncio
 import json
 import logging
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -55,6 +56,8 @@ SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj fil
 
 def main() -> int:
     """Parse the command line, run the command and return its exit code."""
+    if sys.argv[1:2] == ["bench"]:
+        return bench(sys.argv[2:])
     arguments = _parser().parse_args()
     logging.basicConfig(
         level=logging.DEBUG if arguments.verbose else logging.WARNING,
@@ -255,6 +258,11 @@ async def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def bench(arguments: list[str]) -> int:
+    """Run one measurement as a child process, which knows its own options."""
+    return subprocess.call([sys.executable, "-P", "-m", "server.bench", *arguments])
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
         prog="dronerf", description="Operator console for drone-captured radiance fields."
@@ -320,6 +328,10 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    # Listed here, but its options are the child's own: main hands them on as they are.
+    part = commands.add_parser("bench", help="the measurements; see `dronerf bench --help`")
+    part.set_defaults(command=lambda _: bench([]))
     return parser
 
 

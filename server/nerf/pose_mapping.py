@@ -138,9 +138,10 @@ class Mapper:
                 )
                 if reader.existing_camera_id == -1:
                     with pycolmap.Database.open(self._database) as database:
-                        reader.existing_camera_id = database.read_image_with_name(
-                            batch[0]
-                        ).camera_id
+                        image = database.read_image_with_name(batch[0])
+                    # None where COLMAP cannot read what OpenCV can; the next batch then tells.
+                    if image is not None:
+                        reader.existing_camera_id = image.camera_id
                 done += len(batch)
                 self._on_progress("features", done / len(self._names))
 
@@ -226,6 +227,10 @@ class Mapper:
         found = [self._read(model) for _, model in sorted(models.items())]
         found = [m for m in found if len(m.indices) >= self._config.min_model_pictures]
         return sorted(found, key=lambda m: -len(m.indices))
+
+    def clean(self) -> None:
+        """Remove the copied pictures; database and models stay for whoever wants to look."""
+        shutil.rmtree(self._root, ignore_errors=True)
 
     def _read(self, reconstruction: pycolmap.Reconstruction) -> Model:
         images = {

@@ -178,6 +178,8 @@ def refine_poses(
         models, stopped = [], True
     else:
         stopped = False
+    finally:
+        mapper.clean()
     return _carry(models, beliefs, at_s, still, cameras, config, stopped)
 
 

@@ -239,6 +239,7 @@ class TimingConfig:
         take_off_s: Longest wait for a take-off, seconds.
         land_s: Longest wait for a landing, seconds.
         land_repeat_s: ``land`` is repeated this often until the drone is down, seconds.
+        cut_repeat_s: ``emergency`` is repeated this often until the motors stand, seconds.
         video_silence_s: ``streamon`` is repeated after this long without video, seconds.
         stop_repeats_s: When the repeats of a stop are sent after the first, seconds.
     """
@@ -250,6 +251,7 @@ class TimingConfig:
     take_off_s: float = 20.0
     land_s: float = 20.0
     land_repeat_s: float = 1.0
+    cut_repeat_s: float = 0.2
     video_silence_s: float = 2.0
     stop_repeats_s: tuple[float, ...] = field(default=(0.05, 0.1, 0.2, 0.4))
 

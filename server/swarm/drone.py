@@ -2,7 +2,9 @@
 
 Two paths lead to the machine. Ordinary commands wait for their reply, one at a time. The stops
 ``hold``, ``land_now`` and ``cut_motors`` write their datagrams before they return and take no lock,
-no queue and no notice of what else is pending. CUT beats LAND, LAND beats HOLD.
+no queue and no notice of what else is pending. CUT beats LAND, LAND beats HOLD. Each is sent several
+times at once; LAND and CUT then go on until state reports show the motors standing, and a drone that
+is seen to fly although it was believed down is landed again.
 
 All methods are called on the event loop. The beat, one task per drone, sends ``rc`` 20 times a
 second in the air; a setpoint that is not renewed turns into hover.
@@ -17,6 +19,7 @@ from collections import deque
 from collections.abc import Callable
 
 from server.stages import HOVER, Frame, Setpoint, Telemetry
+from server.swarm.burst import Burst
 from server.swarm.config import DroneConfig, SafetyConfig, TimingConfig
 from server.swarm.flight_watch import Activity, FlightWatch
 from server.swarm.link import DroneLink
@@ -42,6 +45,12 @@ _EMERGENCY = encode_command("emergency")
 # How long a reply of a stop or of a command given up may still come.
 _STRAY_S = 1.0
 _FPS_WINDOW_S = 3.0
+# A drone believed on the ground whose motor clock goes on after this flies, however low.
+_SPIN_DOWN_S = 1.2
+# For so long after its order a take-off may still be under way; it refuses all but ``stop``.
+_CLIMB_S = 8.0
+# Faster downward than this, a drone has taken the order to land.
+_SINKING_M_S = 0.1
 _AIRBORNE: tuple[Activity, ...] = ("taking_off", "flying", "holding", "landing")
 
 
@@ -89,10 +98,17 @@ class Drone:
         self._frame_times: deque[float] = deque(maxlen=128)
         self._frame_arrived = asyncio.Event()
         self._state_arrived = asyncio.Event()
-        self._repeats: list[asyncio.TimerHandle] = []
+        self._burst = Burst(self._send, self._timing.stop_repeats_s)
+        self._stops = 0  # Counts stops; whoever waits sees by it that one came.
+        self._airborne_s = 0.0
+        self._grounded_s = 0.0
+        self._climbs_until_s = -1e9
+        self._ordered_down = False  # The newest order was to land.
         self._landing_s = 0.0
         self._land_sent_s = 0.0
         self._land_answered = False
+        self._cut_s = 0.0
+        self._cut_sent_s = 0.0
         self._sent_s = 0.0
         self._video_s = 0.0
         self._stream_sent_s = 0.0
@@ -110,21 +126,32 @@ class Drone:
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        if self._activity in _AIRBORNE:
-            # Nobody will steer it any more. Leaving must never end with a drone in the air.
+        await self.close()
+
+    async def close(self) -> None:
+        """Land if need be, wait for it (not for ever), and let go of link and decoder."""
+        try:
+            await self._come_to_rest()
+        finally:
+            self._closed = True
+            self._frame_arrived.set()
+            for task in self._tasks:
+                task.cancel()
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+            self._burst.cancel()
+            await self._decoder.__aexit__()
+            self._link.close()
+
+    async def _come_to_rest(self) -> None:
+        # Nobody will steer it any more. Leaving must never end with a drone in the air.
+        if self._activity == "cut":
+            await self._wait_until(self._stands_since_cut, 3.0)
+        elif self.airborne or self._watch.motors_run():
             self.land_now()
             try:
                 await self._until_landed(self._timing.land_s / 2)
             except DroneError as error:
                 _LOG.error("%s", error)
-        self._closed = True
-        self._frame_arrived.set()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._cancel_repeats()
-        await self._decoder.__aexit__()
-        self._link.close()
 
     # What is known ---------------------------------------------------------------------------
 
@@ -190,30 +217,27 @@ class Drone:
         self._refuse_unless(self._activity == "ground", f"cannot take off, it is {self._activity}")
         reason = refuse_take_off(self.telemetry, self._clock(), self._safety)
         self._refuse_unless(reason is None, f"must not take off: {reason}")
+        # LAND and HOLD may leave no trace in a drone on the ground, so they are counted.
+        stops = self._stops
         async with self._asking:
-            # While waiting for the lock a stop may have come.
-            self._refuse_unless(
-                not self.held and self._activity == "ground", "stopped before take-off"
-            )
-            self._setpoint = (HOVER, -1e9)
-            self._activity = "taking_off"
-            self._send(_STILL)  # Sticks survive a landing; an old deflection must not fly on.
-            begun_s = self._clock()
-            reply = await self._exchange(
-                "takeoff", self._timing.take_off_s, lambda: self._take_off_settled(begun_s)
-            )
-        self._refuse_unless(self._activity == "taking_off", "stopped during take-off")
-        if reply is not None and reply.kind == "error" and not self._watch.is_up():
-            self._activity = "ground"
-            raise DroneError(f"{self.config.id}: refused to take off: {reply.text}")
-        # An "ok" of a drone that stayed on the ground has been seen: believe the height only.
-        await self._wait_until(self._watch.is_up, 3.0)
-        self._refuse_unless(self._activity == "taking_off", "stopped during take-off")
-        if not self._watch.is_up():
-            # It may still rise late; then the beat notices and makes it hover.
-            self._activity = "ground"
-            raise DroneError(f"{self.config.id}: not seen to take off")
-        self._activity = "flying"
+            self._refuse_unless(self._stops == stops, "stopped before take-off")
+            self._refuse_unless(self._activity == "ground", f"it is {self._activity} by now")
+            try:
+                reply = await self._climb()
+                self._refuse_unless(self._stops == stops, "stopped during take-off")
+                if reply is not None and reply.kind == "error" and not self._watch.is_up():
+                    self._refuse_unless(False, f"refused to take off: {reply.text}")
+                # An "ok" of a drone that stayed on the ground has been seen: believe the height.
+                await self._wait_until(lambda: self._watch.is_up() or self._stops != stops, 3.0)
+                self._refuse_unless(self._stops == stops, "stopped during take-off")
+                self._refuse_unless(self._watch.is_up(), "not seen to take off")
+                self._climbs_until_s = -1e9
+                self._activity = "flying"
+            finally:
+                # However this ended, a drone whose motors run is steered: the beat makes it hover.
+                if self._activity == "taking_off":
+                    self._activity = "flying"
+                    self._ground_unless_motors_run()
 
     async def land(self) -> None:
         """Land and wait until the drone is down.
@@ -237,37 +261,40 @@ class Drone:
         except ProtocolError:
             _LOG.warning("%s: setpoint refused: %s", self.config.id, setpoint)
             return False
-        self._setpoint = (setpoint, now_s)
+        # A date in the future would make it outlive its renewal.
+        self._setpoint = (setpoint, min(now_s, self._clock()))
         return True
 
     def rearm(self) -> None:
         """Release HOLD and CUT; a drone in the air goes on hovering until a setpoint comes."""
         self.held = False
-        self._cancel_repeats()
         self._setpoint = (HOVER, -1e9)
         if self._activity == "cut":
-            self._activity = "ground"
+            self._burst.cancel()
+            self._believe_grounded()
 
     # Stops -----------------------------------------------------------------------------------
 
     def hold(self) -> None:
         """Hover at once and refuse motion until ``rearm``. Does not disturb a landing."""
         self.held = True
+        self._stops += 1
         self._setpoint = (HOVER, -1e9)
         if self._activity in ("landing", "cut"):
             return
         if self._activity == "taking_off":
             self._activity = "flying"
         self._give_up_command()
-        self._send_repeatedly((_STILL, _STOP))
+        self._owe_burst()
+        self._burst.send((_STILL, _STOP))
 
     def land_now(self) -> None:
         """Order the landing at once; it is repeated until the drone is seen to be down."""
+        self._stops += 1
         if self._activity == "cut":
             return
         self._setpoint = (HOVER, -1e9)
-        self._cancel_repeats()
-        self._give_up_command()
+        self._ordered_down = True
         now_s = self._clock()
         if self._activity != "landing":
             self._landing_s = now_s
@@ -275,35 +302,31 @@ class Drone:
         # Even a drone believed to be on the ground is told: the belief may be wrong.
         if self._activity not in ("ground", "offline"):
             self._activity = "landing"
-        self._send(_STILL)
-        self._send_land()
+        self._give_up_command()
+        self._land_sent_s = now_s
+        self._owe_burst()
+        self._burst.send((_STILL, *self._land_datagrams(now_s)))
 
     def cut_motors(self) -> None:
-        """Stop the motors at once: the drone falls. Nothing moves it until ``rearm``."""
+        """Stop the motors at once: the drone falls. Nothing moves it until ``rearm``.
+
+        Repeated until state reports show the motors standing.
+        """
+        self._stops += 1
         self._activity = "cut"
         self._setpoint = (HOVER, -1e9)
+        self._cut_s = self._cut_sent_s = self._clock()
         self._give_up_command()
-        self._send(_EMERGENCY)
-        self._send_repeatedly((_EMERGENCY,))
+        self._owe_burst()
+        self._burst.send((_EMERGENCY,))
 
-    def _send_repeatedly(self, datagrams: tuple[bytes, ...]) -> None:
-        self._cancel_repeats()
+    def _land_datagrams(self, now_s: float) -> tuple[bytes, ...]:
+        # A drone refuses a motion command while another one, here a take-off, is under way.
+        return (_STOP, _LAND) if now_s < self._climbs_until_s else (_LAND,)
 
-        def send_all() -> None:
-            for datagram in datagrams:
-                self._send(datagram)
-            self._channel.owe(self._clock(), _STRAY_S)
-
-        send_all()
-        loop = asyncio.get_running_loop()
-        self._repeats = [
-            loop.call_later(delay_s, send_all) for delay_s in self._timing.stop_repeats_s
-        ]
-
-    def _cancel_repeats(self) -> None:
-        for repeat in self._repeats:
-            repeat.cancel()
-        self._repeats.clear()
+    def _owe_burst(self) -> None:
+        patience_s = self._timing.stop_repeats_s[-1] + _STRAY_S
+        self._channel.owe(self._clock(), patience_s, 1 + len(self._timing.stop_repeats_s))
 
     def _give_up_command(self) -> None:
         self._channel.give_up(self._clock(), _STRAY_S)
@@ -313,7 +336,8 @@ class Drone:
     # Datagrams in ----------------------------------------------------------------------------
 
     def _take_reply(self, datagram: bytes, arrived_s: float) -> None:
-        if self._activity == "landing" and b"ok" in datagram.lower():
+        late_enough = arrived_s - self._landing_s > _STRAY_S
+        if self._activity == "landing" and late_enough and b"ok" in datagram.lower():
             # Perhaps another command's: the landing is believed only together with the height.
             self._land_answered = True
         reply = self._channel.receive(datagram, arrived_s)
@@ -329,12 +353,19 @@ class Drone:
             return
         self._watch.observe(self.telemetry)
         self._state_arrived.set()
+        if self.telemetry.velocity_m_s[2] < -_SINKING_M_S:
+            self._climbs_until_s = -1e9
         if self._activity == "offline":
-            self._activity = "ground"
-        if self._activity == "ground" and self._watch.is_up() and self._watch.motors_run():
-            # In the air without our order: left over from before, or a late take-off.
-            _LOG.warning("%s: is in the air, it is made to hover", self.config.id)
+            self._believe_grounded()
+        if self._activity == "ground" and self._flies_after_all():
             self._activity = "flying"
+            self._airborne_s = arrived_s
+            if self._ordered_down:
+                _LOG.warning("%s: is in the air after landing, it lands again", self.config.id)
+                self.land_now()
+            else:
+                # Left over from before, or a late take-off.
+                _LOG.warning("%s: is in the air, it is made to hover", self.config.id)
 
     def _take_video(self, datagram: bytes, arrived_s: float) -> None:
         self._video_s = arrived_s
@@ -352,20 +383,39 @@ class Drone:
         self._sent_s = self._clock()
         self._link.send(datagram)
 
-    def _send_land(self) -> None:
-        self._land_sent_s = self._clock()
-        self._send(_LAND)
-        self._channel.owe(self._land_sent_s, _STRAY_S)
-
     def _send_unanswered(self, text: str) -> None:
         """Send a harmless command whose reply nobody waits for."""
-        self._send(encode_command(text))
-        self._channel.owe(self._clock(), _STRAY_S)
+        self._send_past_channel(encode_command(text))
+
+    def _send_past_channel(self, *datagrams: bytes) -> None:
+        for datagram in datagrams:
+            self._send(datagram)
+            self._channel.owe(self._clock(), _STRAY_S)
+
+    async def _climb(self) -> Reply | None:
+        """Order the take-off and return its reply, None when it is lost or a stop came."""
+        self._burst.cancel()
+        self._setpoint = (HOVER, -1e9)
+        self._activity = "taking_off"
+        self._ordered_down = False
+        begun_s = self._airborne_s = self._clock()
+        self._climbs_until_s = begun_s + _CLIMB_S
+        self._send(_STILL)  # Sticks survive a landing; an old deflection must not fly on.
+        return await self._exchange(
+            "takeoff", self._timing.take_off_s, lambda: self._take_off_settled(begun_s)
+        )
 
     async def _exchange(
-        self, text: str, timeout_s: float, settled: Callable[[], bool] | None = None
+        self,
+        text: str,
+        timeout_s: float,
+        settled: Callable[[], bool] | None = None,
+        patience_s: float = _STRAY_S,
     ) -> Reply | None:
-        """Send a command once and return its reply; None on timeout, stop or ``settled()``."""
+        """Send a command once and return its reply; None on timeout, stop or ``settled()``.
+
+        For ``patience_s`` after the wait one reply is taken for a late answer to this command.
+        """
         datagram = self._channel.begin(text)
         epoch = self._channel.epoch
         answer = asyncio.get_running_loop().create_future()
@@ -381,15 +431,20 @@ class Drone:
         finally:
             self._answer = None
             if self._channel.epoch == epoch:
-                self._channel.give_up(self._clock(), _STRAY_S)
+                self._channel.give_up(self._clock(), patience_s)
 
     async def _ask_until_ok(self, text: str) -> None:
         """Send a command that may be carried out twice until it is answered with ok."""
+        unanswered = 0
         async with self._asking:
             while True:
-                reply = await self._exchange(text, self._timing.retry_s)
+                # A late answer is as good as a prompt one. Were it dropped, each answer would be
+                # taken for that of the attempt before, and none ever for its own.
+                reply = await self._exchange(text, self._timing.retry_s, patience_s=0.0)
                 if reply is not None and reply.kind == "ok":
+                    self._channel.owe(self._clock(), _STRAY_S, unanswered)
                     return
+                unanswered += reply is None
                 if reply is not None:
                     _LOG.warning("%s: answers %s to %s", self.config.id, reply.text, text)
                     await asyncio.sleep(self._timing.retry_s)
@@ -408,22 +463,33 @@ class Drone:
         self._apply_rules(now_s)
         match self._activity:
             case "flying":
-                if self._watch.is_down() and self._watch.motors_idle_since(0.0):
-                    _LOG.warning("%s: has landed by itself", self.config.id)
-                    self._activity = "ground"
+                if self._watch.is_down() and self._watch.motors_idle_since(self._airborne_s):
+                    _LOG.warning("%s: stands on the ground", self.config.id)
+                    self._believe_grounded()
                 else:
                     self._send(encode_rc(self._sticks(now_s)))
             case "landing":
                 if self._has_landed(now_s):
-                    self._activity = "ground"
+                    self._believe_grounded()
                 elif now_s - self._land_sent_s >= self._timing.land_repeat_s:
-                    self._send_land()
+                    self._land_sent_s = now_s
+                    self._send_past_channel(*self._land_datagrams(now_s))
             case "taking_off":
                 pass  # Nothing may disturb it; it is far shorter than the drone's 15 s of patience.
+            case "cut" if not self._stands_since_cut():
+                if now_s - self._cut_sent_s >= self._timing.cut_repeat_s:
+                    self._cut_sent_s = now_s
+                    self._send_past_channel(_EMERGENCY)
             case "ground" | "offline" | "cut":
                 self._keep_alive(now_s)
+        self._revive_video(now_s)
+
+    def _revive_video(self, now_s: float) -> None:
+        # Neither a take-off nor a landing is disturbed for the sake of pictures.
+        if not self._streaming or self._activity in ("taking_off", "landing"):
+            return
         silent_s = now_s - max(self._video_s, self._stream_sent_s)
-        if self._streaming and silent_s > self._timing.video_silence_s:
+        if silent_s > self._timing.video_silence_s:
             self._stream_sent_s = now_s
             self._send_unanswered("streamon")
 
@@ -460,6 +526,23 @@ class Drone:
             self._send_unanswered("command")
 
     # Conclusions -----------------------------------------------------------------------------
+
+    def _believe_grounded(self) -> None:
+        self._activity = "ground"
+        self._grounded_s = self._clock()
+
+    def _ground_unless_motors_run(self) -> None:
+        if not self._watch.motors_run():
+            self._believe_grounded()
+
+    def _flies_after_all(self) -> bool:
+        """Return whether a drone believed on the ground turns out to be in the air."""
+        if self._watch.is_up() and self._watch.motors_run():
+            return True
+        return self._watch.motors_ran_after(self._grounded_s + _SPIN_DOWN_S)
+
+    def _stands_since_cut(self) -> bool:
+        return self._watch.motors_idle_since(self._cut_s)
 
     def _take_off_settled(self, begun_s: float) -> bool:
         """Return whether state reports settle a take-off whose reply seems to be lost."""

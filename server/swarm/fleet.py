@@ -43,13 +43,12 @@ class Fleet:
             )
             for drone in config.drones
         }
-        self._stack = AsyncExitStack()
 
     async def __aenter__(self) -> Fleet:
         async with AsyncExitStack() as stack:
             for drone in self.drones.values():
                 await stack.enter_async_context(drone)
-            self._stack = stack.pop_all()
+            stack.pop_all()  # All are open; from here on ``__aexit__`` closes them, side by side.
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -57,7 +56,11 @@ class Fleet:
         for drone in self.drones.values():
             if drone.airborne:
                 self._try("land", drone.land_now, drone.config.id)
-        await self._stack.aclose()
+        closings = (drone.close() for drone in self.drones.values())
+        results = await asyncio.gather(*closings, return_exceptions=True)
+        for drone_id, result in zip(self.drones, results, strict=True):
+            if isinstance(result, BaseException):
+                _LOG.error("%s: closing failed", drone_id, exc_info=result)
 
     async def connect(self, timeout_s: float = 10.0) -> dict[str, str]:
         """Connect to all drones side by side.

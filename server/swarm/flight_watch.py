@@ -35,6 +35,10 @@ class FlightWatch:
             return False
         return self._telemetry.received_s - self._motor_change_s < _MOTORS_IDLE_S
 
+    def motors_ran_after(self, at_s: float) -> bool:
+        """Return whether the motor clock was seen to advance later than ``at_s``."""
+        return self._motor_change_s is not None and self._motor_change_s > at_s
+
     def is_up(self) -> bool:
         """Return whether the drone is surely off the ground with its motors on."""
         return self._telemetry is not None and self._telemetry.height_m >= _OFF_GROUND_M

@@ -124,7 +124,7 @@ def _confidence(mask: Mask, work: _Work, config: RegionConfig) -> tuple[float, C
 
     The first factor is the share of the object's colours that the ring around it does not have;
     the second is 1 at the expected place and falls with distance; sizes outside the configured
-    limits give zero.
+    limits, and what spans the picture, give zero.
     """
     width = 0.35 * np.sqrt(float(mask.sum()))
     ring = surroundings(mask, width)
@@ -135,7 +135,10 @@ def _confidence(mask: Mask, work: _Work, config: RegionConfig) -> tuple[float, C
         config.histogram_bins,
     )
     share = float(mask.mean())
-    if not config.min_area_share <= share <= config.max_area_share or not ring.any():
+    # What reaches from the picture's left edge to its right is a wall or the floor.
+    spans_picture = bool(mask[:, 0].any() and mask[:, -1].any())
+    fits = config.min_area_share <= share <= config.max_area_share
+    if not fits or spans_picture or not ring.any():
         return 0.0, model
     ys, xs = np.nonzero(mask)
     off = np.array([xs.mean(), ys.mean()]) * work.scale - work.prior.centre_px

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import selectors
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from typing import Any, TypeVar
 
 import numpy as np
@@ -94,6 +95,7 @@ class AirLink:
         self.loses: Callable[[bytes], bool] = lambda datagram: False
         self.deaf: Callable[[bytes], bool] = lambda datagram: False
         self.broken = False
+        self._under_way: deque[bytes] = deque()
         self._receivers: tuple[Receiver, Receiver, Receiver] | None = None
         self._task: asyncio.Task[None] | None = None
 
@@ -106,7 +108,8 @@ class AirLink:
             raise RuntimeError("this link is broken")
         self.sent.append((now_s(), datagram))
         if not self.loses(datagram):
-            asyncio.get_running_loop().call_later(LATENCY_S, self._arrive, datagram)
+            self._under_way.append(datagram)
+            asyncio.get_running_loop().call_later(LATENCY_S, self._arrive_next)
 
     def close(self) -> None:
         if self._task is not None:
@@ -115,6 +118,10 @@ class AirLink:
     def since(self, begun_s: float) -> list[bytes]:
         """Return what the driver sent from ``begun_s`` on."""
         return [datagram for at_s, datagram in self.sent if at_s >= begun_s]
+
+    def _arrive_next(self) -> None:
+        # Timers for one instant come in any order; one radio hop keeps the order of datagrams.
+        self._arrive(self._under_way.popleft())
 
     def _arrive(self, datagram: bytes) -> None:
         self._reply(self.sdk.receive(datagram, ("127.0.0.1", 1), now_s()))
@@ -153,19 +160,21 @@ async def flying_drone(
         yield drone
 
 
-@asynccontextmanager
-async def flying_fleet(links: Mapping[str, AirLink], *, up: bool = True) -> AsyncIterator[Fleet]:
-    """A connected fleet on these links."""
+def fleet_on(links: Mapping[str, AirLink]) -> Fleet:
+    """A fleet on these links, by drone id."""
     drones = tuple(
         DroneConfig(id=drone_id, address=f"127.9.9.{number + 1}")
         for number, drone_id in enumerate(links)
     )
-    fleet = Fleet(FleetConfig(drones), links=dict(links), clock=now_s)
-    async with AsyncExitStack() as stack:
-        await stack.enter_async_context(fleet)
+    return Fleet(FleetConfig(drones), links=dict(links), clock=now_s)
+
+
+@asynccontextmanager
+async def flying_fleet(links: Mapping[str, AirLink]) -> AsyncIterator[Fleet]:
+    """A connected fleet in the air."""
+    async with fleet_on(links) as fleet:
         assert await fleet.connect() == {}
-        if up:
-            await asyncio.gather(*(drone.take_off() for drone in fleet.drones.values()))
+        await asyncio.gather(*(drone.take_off() for drone in fleet.drones.values()))
         yield fleet
 
 

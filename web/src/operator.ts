@@ -90,11 +90,10 @@ export class Operator {
     const accepted = await this.#carryOut(
       () => commandDrone(droneId, command),
       (reason) => en.fly.command.failed(word, name, reason),
-      droneId,
     );
     if (!accepted) return false;
     if (command === "hold") this.store.dispatch({ type: "hold_accepted", droneId });
-    this.log("info", en.fly.command.sent(word, name), droneId);
+    this.log("info", en.fly.command.sent(word), droneId);
     return true;
   }
 
@@ -114,7 +113,6 @@ export class Operator {
   async #carryOut(
     act: () => Promise<void>,
     failure: (reason: string) => string,
-    droneId: string | null = null,
   ): Promise<boolean> {
     try {
       await act();
@@ -122,7 +120,7 @@ export class Operator {
     } catch (error) {
       if (!(error instanceof RequestError)) throw error;
       const at = new Date().toISOString();
-      this.store.dispatch({ type: "alarm_raised", at, text: failure(error.message), droneId });
+      this.store.dispatch({ type: "alarm_raised", at, text: failure(error.message) });
       return false;
     }
   }

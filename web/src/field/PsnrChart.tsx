@@ -8,12 +8,14 @@ import { en } from "../text/en";
 function themeColours(element: HTMLElement) {
   const style = getComputedStyle(element);
   const colour = (name: string) => style.getPropertyValue(name).trim();
+  const letterPx = 0.8 * parseFloat(getComputedStyle(document.documentElement).fontSize);
   return {
     text: colour("--muted"),
     grid: colour("--line-soft"),
     train: colour("--plot-train"),
     heldOut: colour("--plot-held-out"),
-    font: `11px ${style.fontFamily}`,
+    letterPx,
+    font: (px: number) => `${px}px ${style.fontFamily}`,
   };
 }
 
@@ -24,7 +26,7 @@ function options(
   const colours = themeColours(element);
   const axis = {
     stroke: colours.text,
-    font: colours.font,
+    font: colours.font(colours.letterPx),
     grid: { stroke: colours.grid, width: 1 },
     ticks: { show: false },
   };
@@ -34,8 +36,8 @@ function options(
     padding: [10, 10, 0, 0],
     scales: { x: { time: false }, y: { range: dbRange } },
     axes: [
-      { ...axis, size: 24, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
-      { ...axis, size: 34 },
+      { ...axis, size: 2.2 * colours.letterPx, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
+      { ...axis, size: 3.1 * colours.letterPx },
     ],
     series: [
       {},
@@ -69,7 +71,7 @@ function dbRange(_: uPlot, least: number | null, most: number | null): uPlot.Ran
 function drawStages(
   plot: uPlot,
   stages: QualitySeries["stages"],
-  colours: { text: string; font: string },
+  colours: ReturnType<typeof themeColours>,
 ): void {
   const { ctx, bbox } = plot;
   const words: Readonly<Record<string, string>> = en.field.stage;
@@ -82,7 +84,7 @@ function drawStages(
   ctx.setLineDash([2, 3]);
   ctx.textAlign = "left";
   ctx.textBaseline = "bottom";
-  ctx.font = colours.font.replace("11px", `${Math.round(10 * uPlot.pxRatio)}px`);
+  ctx.font = colours.font(0.9 * colours.letterPx * uPlot.pxRatio);
   let freeFrom = -Infinity;
   for (const { name, startS } of stages) {
     const x = Math.round(plot.valToPos(startS, "x", true)) + 0.5;
@@ -92,10 +94,11 @@ function drawStages(
     ctx.stroke();
     const word = words[name] ?? name;
     const left = x + 4 * uPlot.pxRatio;
+    const right = left + ctx.measureText(word).width;
     // Stages may follow each other faster than their words have room.
-    if (left >= freeFrom) {
+    if (left >= freeFrom && right <= bbox.left + bbox.width) {
       ctx.fillText(word, left, bbox.top + bbox.height - 2 * uPlot.pxRatio);
-      freeFrom = left + ctx.measureText(word).width + 6 * uPlot.pxRatio;
+      freeFrom = right + 6 * uPlot.pxRatio;
     }
   }
   ctx.restore();

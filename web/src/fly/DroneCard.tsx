@@ -90,29 +90,51 @@ function Commands({ report, inAir }: { readonly report: DroneReport; readonly in
       setBusy(false);
     });
   };
-  const offline = report.activity === "offline";
+  const id = report.drone_id;
   return (
     <div className="card-commands">
       {report.held ? (
-        <button type="button" className="button button-small" disabled={busy} onClick={() => { give("rearm"); }}>
+        <button
+          type="button"
+          className="button button-small"
+          data-testid={`rearm-${id}`}
+          disabled={busy}
+          onClick={() => {
+            give("rearm");
+          }}
+        >
           <Icon name="rearm" />
           {en.fly.command.rearm}
         </button>
       ) : (
-        <button type="button" className="button button-small" disabled={offline} onClick={() => { give("hold"); }}>
+        <button
+          type="button"
+          className="button button-small"
+          data-testid={`hold-${id}`}
+          onClick={() => {
+            give("hold");
+          }}
+        >
           <Icon name="hold" />
           {en.fly.command.hold}
         </button>
       )}
       {inAir ? (
-        <button type="button" className="button button-small" onClick={() => { give("land"); }}>
+        <button
+          type="button"
+          className="button button-small"
+          data-testid={`land-${id}`}
+          onClick={() => {
+            give("land");
+          }}
+        >
           <Icon name="land" />
           {en.fly.command.land}
         </button>
       ) : (
         <ConfirmButton
           className="button-small"
-          disabled={busy || offline || report.held}
+          disabled={busy || report.held}
           label={
             <>
               <Icon name="takeoff" />

@@ -32,6 +32,19 @@ export function EventLog() {
     if (follow && list.current !== null) list.current.scrollTop = list.current.scrollHeight;
   }, [follow, newest]);
 
+  // The list also loses its end when the panel above it grows.
+  useEffect(() => {
+    const element = list.current;
+    if (!follow || element === null) return;
+    const watcher = new ResizeObserver(() => {
+      element.scrollTop = element.scrollHeight;
+    });
+    watcher.observe(element);
+    return () => {
+      watcher.disconnect();
+    };
+  }, [follow]);
+
   const scrolled = () => {
     const element = list.current;
     if (element === null) return;

@@ -3,7 +3,7 @@ import { ConsoleStream, streamUrl, type Socket, type StreamListener } from "./st
 
 class FakeSocket implements Socket {
   binaryType: BinaryType = "blob";
-  readyState = 0;
+  readyState: Socket["readyState"] = 0;
   readonly sent: unknown[] = [];
   onopen: Socket["onopen"] = null;
   onclose: Socket["onclose"] = null;

@@ -21,7 +21,7 @@ describe("parseTile", () => {
     expect(new Uint8Array(await tile.jpeg.arrayBuffer())).toEqual(JPEG);
   });
 
-  it("counts the header in bytes, not in letters", async () => {
+  it("counts the header in bytes, not in letters", () => {
     const tile = parseTile(message(JSON.stringify({ ...HEADER, drone_id: "drône-é" })));
     expect(tile.header.drone_id).toBe("drône-é");
     expect(tile.jpeg.size).toBe(JPEG.length);

@@ -248,7 +248,6 @@ describe("reduce: log and alarms", () => {
       type: "alarm_raised",
       at,
       text,
-      droneId: null,
     });
     let state = after([alarm("x", "1"), alarm("x", "2"), alarm("y", "3")]);
     expect(state.alarms.map((each) => each.text)).toEqual(["x", "y"]);

@@ -64,7 +64,7 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
     case "hold_accepted":
       return { ...state, drones: withHeld(state, message.droneId) };
     case "alarm_raised":
-      return withAlarm(state, { ...message, level: "error" });
+      return withAlarm(state, { at: message.at, text: message.text, level: "error", droneId: null });
     case "alarm_dismissed":
       return { ...state, alarms: state.alarms.filter((alarm) => alarm.id !== message.id) };
     case "logged":

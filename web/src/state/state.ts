@@ -89,7 +89,6 @@ export type LocalMessage =
       readonly type: "alarm_raised";
       readonly at: string;
       readonly text: string;
-      readonly droneId: string | null;
     }
   | { readonly type: "alarm_dismissed"; readonly id: number }
   | {

@@ -35,7 +35,7 @@ export const en = {
     sending: "sending…",
     accepted: "accepted",
     failed: (word: string, attempts: number, reason: string) =>
-      `${word} WAS NOT ACCEPTED after ${attempts} attempts: ${reason}. Use the drones' own stop.`,
+      `${word} WAS NOT ACCEPTED after ${attempts} attempts: ${reason}. Stop the drones another way.`,
     logAccepted: (word: string, ms: number) => `${word} for all drones accepted after ${ms} ms`,
     released: "CUT MOTORS not sent: released too early",
   },
@@ -83,7 +83,7 @@ export const en = {
       hold: "Hold",
       rearm: "Re-arm",
       confirm: "Sure?",
-      sent: (command: string, name: string) => `${name}: ${command} accepted`,
+      sent: (command: string) => `${command} accepted`,
       failed: (command: string, name: string, reason: string) =>
         `${name}: ${command} was not carried out: ${reason}`,
     },
