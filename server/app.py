@@ -83,6 +83,8 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
     arguments += ["--seed", str(wanted.seed)]
     if wanted.truth is not None:
         arguments += ["--truth", str(wanted.truth)]
+    if not logger.isEnabledFor(logging.INFO):
+        arguments.append("--quiet")
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         # A file of the folder we stand in must never shadow a module.

@@ -77,12 +77,12 @@ class TrainConfig:
     """How the field is trained.
 
     Attributes:
-        samples_per_step: Points with gradient wanted per step; the number of rays follows.
-        rays_min: Fewest rays per step.
-        rays_max: Most rays per step.
-        step_length: Marching step at the object, scene units; it grows with the distance.
-        step_stretch: Training starts with steps this many times as long and shortens them to
-            ``step_length`` by ``window_until``: more rays while the field is still coarse.
+        rays_per_step: Rays per step.
+        samples_per_ray: Points with gradient per ray while training.
+        render_samples_per_ray: Points per ray of a rendering, before thinning.
+        bin_length: Path units per bin of the proposal, fine at the object and coarse far away.
+        even_share: Share of the samples that is spread evenly at the start of training.
+        even_share_end: The same at its end, and in renderings.
         near_fraction: Rays start at this share of the median camera distance from the object.
         learning_rate: Adam's step for table and MLPs after the warm-up.
         learning_rate_end: Share of ``learning_rate`` left at the end.
@@ -100,21 +100,20 @@ class TrainConfig:
         exposure_rate: Adam's step of the per-picture log gains, 0 turns them off.
         exposure_decay: Pull of the log gains towards 0 per step, share.
         object_share: Share of rays drawn inside object masks, where there are masks.
-        cut_transmittance: A training ray ends when less light than this is left.
-        occupancy_cells: Cells per axis of the occupancy grid over the whole scene cube.
-        occupancy_every: Steps between two refreshes of the grid.
-        occupancy_warm_up: Steps before empty space is skipped.
-        occupancy_threshold: Opacity of one step below which a cell counts as empty.
+        memory_cells: Cells per axis of the density memory over the whole scene cube.
+        memory_every: Steps between two refreshes of the memory.
+        memory_warm_up: Steps before the memory steers samples.
 
     Raises:
         ValueError: If a value is out of range; the message names it.
     """
 
-    samples_per_step: int = 65536
-    rays_min: int = 128
-    rays_max: int = 16384
-    step_length: float = 1.0 / 64.0
-    step_stretch: float = 4.0
+    rays_per_step: int = 2048
+    samples_per_ray: int = 24
+    render_samples_per_ray: int = 32
+    bin_length: float = 1.0 / 20.0
+    even_share: float = 0.5
+    even_share_end: float = 0.1
     near_fraction: float = 0.2
     learning_rate: float = 2e-2
     learning_rate_end: float = 0.03
@@ -129,22 +128,21 @@ class TrainConfig:
     exposure_rate: float = 1e-3
     exposure_decay: float = 1e-2
     object_share: float = 0.25
-    cut_transmittance: float = 1e-3
-    occupancy_cells: int = 128
-    occupancy_every: int = 16
-    occupancy_warm_up: int = 64
-    occupancy_threshold: float = 0.01
+    memory_cells: int = 128
+    memory_every: int = 8
+    memory_warm_up: int = 16
 
     def __post_init__(self) -> None:
         for name in (
-            "samples_per_step",
-            "rays_min",
+            "rays_per_step",
+            "samples_per_ray",
+            "render_samples_per_ray",
             "warm_up_steps",
-            "occupancy_every",
-            "occupancy_warm_up",
+            "memory_every",
+            "memory_warm_up",
         ):
             _require(getattr(self, name) >= 1, name, "at least 1")
-        for name in ("step_length", "learning_rate", "huber_delta", "window_start"):
+        for name in ("learning_rate", "huber_delta", "window_start"):
             value = getattr(self, name)
             _require(math.isfinite(value) and value > 0.0, name, "positive")
         for name in (
@@ -152,8 +150,6 @@ class TrainConfig:
             "learning_rate_end",
             "window_until",
             "object_share",
-            "cut_transmittance",
-            "occupancy_threshold",
             "background_noise",
             "mlp_weight_decay",
             "exposure_decay",
@@ -161,7 +157,7 @@ class TrainConfig:
             _require(0.0 <= getattr(self, name) <= 1.0, name, "in [0, 1]")
         for name in ("distortion_weight", "exposure_rate", "trust_distance"):
             _require(0.0 <= getattr(self, name) < math.inf, name, "zero or more")
-        _require(1.0 <= self.step_stretch <= 16.0, "step_stretch", "in [1, 16]")
-        _require(self.rays_max >= self.rays_min, "rays_max", "at least rays_min")
-        _require(1.0 / 512.0 <= self.step_length <= 0.25, "step_length", "in [1/512, 1/4]")
-        _require(8 <= self.occupancy_cells <= 256, "occupancy_cells", "8 to 256")
+        for name in ("even_share", "even_share_end"):
+            _require(0.0 < getattr(self, name) <= 1.0, name, "in (0, 1]")
+        _require(1.0 / 64.0 <= self.bin_length <= 0.5, "bin_length", "in [1/64, 1/2]")
+        _require(8 <= self.memory_cells <= 256, "memory_cells", "8 to 256")

@@ -94,7 +94,7 @@ class NumbaBackend:
         drgbs = np.empty((count, 3), np.float32)
         sums = np.empty((self._chunks, 2))
         loss_gradients(
-            rays.starts, sigmas, rgbs, rays.ss, rays.trusts, np.float32(rays.step), rays.backdrops,
+            rays.starts, sigmas, rgbs, rays.ss, rays.trusts, rays.dss, rays.backdrops,
             rays.targets, gains, rays.pictures, np.float32(train.huber_delta),
             np.float32(train.distortion_weight), weights, dsigmas, drgbs, self.gain_grads, sums,
         )  # fmt: skip

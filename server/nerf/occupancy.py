@@ -1,8 +1,8 @@
-"""Which cells of the scene cube are worth a sample.
+"""What the field was found to be like, cell by cell: where samples are worth most.
 
-The grid lies over ``u`` in ``[0, 1]^3`` (``server.nerf.space``). It only proposes samples: where a
-ray ends is always decided by densities of the field itself, because a grid remembers maxima of the
-past and rays cut by it never correct it.
+The grid lies over ``u`` in ``[0, 1]^3`` (``server.nerf.space``). It only proposes samples: colours,
+and where a ray ends, always come from the field itself, because a grid remembers the past and rays
+cut by it would never correct it.
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ Densities = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 # Cells evaluated at once in a full sweep, to bound memory.
 _BLOCK = 1 << 17
-# Share of a cell's remembered density that survives a refresh.
-_DECAY = 0.8
+# Share of a cell's remembered density that survives a look at it.
+_DECAY = 0.5
 # A refresh looks at one in this many of the seen cells.
-_REFRESH_SHARE = 16
+_REFRESH_SHARE = 12
 # Cells nearer to a camera than this share of the usual distance need a second camera.
 _NEAR_SHARE = 0.5
 
 
-class OccupancyGrid:
-    """Cells that cameras see and where the field was found to be dense.
+class DensityMemory:
+    """Cells that cameras see, and how dense the field was found there.
 
     Attributes:
-        occupied: bool ``(cells, cells, cells)``; march through True cells only.
-        ready: False until the first sweep; before it every seen cell counts as occupied.
+        densities: float32 ``(cells, cells, cells)`` per path unit; even before the first sweep.
+        seen: bool ``(cells, cells, cells)``; other cells hold nothing to learn.
+        ready: False until the first sweep.
 
     Args:
-        config: Grid size and threshold.
-        dataset: Cameras and masks.
+        config: Grid size.
+        dataset: Cameras.
         indices: Training pictures.
         space: Scene space.
     """
@@ -45,45 +46,38 @@ class OccupancyGrid:
     def __init__(
         self, config: TrainConfig, dataset: Dataset, indices: Sequence[int], space: SceneSpace
     ) -> None:
-        self._cells = config.occupancy_cells
-        self._threshold = config.occupancy_threshold / config.step_length
+        self._cells = config.memory_cells
         seen = _seen_cells(max(self._cells // 2, 8), dataset, indices, space)
         scale = -(-self._cells // len(seen))
         for axis in range(3):
             seen = np.repeat(seen, scale, axis=axis)
-        seen = np.ascontiguousarray(seen[: self._cells, : self._cells, : self._cells])
-        self._seen = np.flatnonzero(seen)
-        self._memory = np.zeros(self._cells**3, np.float32)
-        self.occupied = seen
+        self.seen = np.ascontiguousarray(seen[: self._cells, : self._cells, : self._cells])
+        self.densities = np.zeros(self.seen.shape, np.float32)
         self.ready = False
+        self._seen_ids = np.flatnonzero(self.seen)
 
     def refresh(self, densities: Densities, rng: np.random.Generator) -> None:
         """Look at the field: at every seen cell the first time, then at some of them."""
         if self.ready:
-            cells = rng.choice(self._seen, max(len(self._seen) // _REFRESH_SHARE, 1))
+            cells = rng.choice(self._seen_ids, max(len(self._seen_ids) // _REFRESH_SHARE, 1))
         else:
-            cells = self._seen
+            cells = self._seen_ids
+        remembered = self.densities.reshape(-1)
+        decay = np.float32(_DECAY if self.ready else 0.0)
         for start in range(0, len(cells), _BLOCK):
             part = cells[start : start + _BLOCK]
             found = densities(self._points_in(part, rng))
-            self._memory[part] = np.maximum(self._memory[part] * _DECAY, found)
+            remembered[part] = decay * remembered[part] + (np.float32(1.0) - decay) * found
         self.ready = True
-        threshold = min(self._threshold, float(self._memory[self._seen].mean()))
-        self.occupied = (self._memory > threshold).reshape((self._cells,) * 3)
 
     def _points_in(self, cells: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.float32]:
         """Return one random point ``u`` ``(n, 3)`` in each of ``cells``."""
         corner = np.stack(np.unravel_index(cells, (self._cells,) * 3), axis=1)
         return ((corner + rng.random(corner.shape)) / self._cells).astype(np.float32)
 
-    def state(self) -> dict[str, NDArray[np.float32] | NDArray[np.bool_]]:
-        """Return the arrays a checkpoint needs."""
-        return {"memory": self._memory, "occupied": self.occupied}
-
-    def restore(self, memory: NDArray[np.float32], occupied: NDArray[np.bool_]) -> None:
-        """Take over the arrays of a checkpoint."""
-        self._memory = np.array(memory, np.float32)
-        self.occupied = np.array(occupied, bool)
+    def restore(self, densities: NDArray[np.float32]) -> None:
+        """Take over the densities of a checkpoint."""
+        self.densities = np.ascontiguousarray(densities, np.float32)
         self.ready = True
 
 

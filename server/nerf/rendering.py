@@ -1,7 +1,7 @@
 """What a field looks like from a camera: the torch definition of compositing and of the loss.
 
 Symbols as in ``server.nerf.kernels.cpu_rays``: packed samples, ray r owns rows ``starts[r]`` to
-``starts[r + 1]``; ``alpha_i = 1 - exp(-sigma_i ds)``, ``T_i = prod_{j<i} (1 - alpha_j)`` and
+``starts[r + 1]``; ``alpha_i = 1 - exp(-sigma_i ds_i)``, ``T_i = prod_{j<i} (1 - alpha_j)`` and
 ``w_i = T_i alpha_i`` (Max 1995; NeRF, equation 3).
 """
 
@@ -39,7 +39,7 @@ class SampledRays:
         ss: ``(n,)`` float32 path positions.
         ray_ids: ``(n,)`` int64 ray of every sample.
         trusts: ``(n,)`` float32 factor of every sample's gradient, small near the camera.
-        step: Path units per sample.
+        dss: ``(n,)`` float32 path length every sample stands for.
         harmonics: ``(rays, B)`` float32 of the ray directions.
         backdrops: ``(rays, 3)`` float32 colour behind everything.
         targets: ``(rays, 3)`` float32 pixels in [0, 1].
@@ -51,7 +51,7 @@ class SampledRays:
     ss: NDArray[np.float32]
     ray_ids: NDArray[np.int64]
     trusts: NDArray[np.float32]
-    step: float
+    dss: NDArray[np.float32]
     harmonics: NDArray[np.float32]
     backdrops: NDArray[np.float32]
     targets: NDArray[np.float32]
@@ -59,11 +59,11 @@ class SampledRays:
 
 
 def weights_of(
-    sigmas: torch.Tensor, starts: torch.Tensor, ray_ids: torch.Tensor, step: float
+    sigmas: torch.Tensor, starts: torch.Tensor, ray_ids: torch.Tensor, dss: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return weights ``(n,)`` and the light ``(rays,)`` that passes all samples of a ray."""
     # Sums over all rays lose digits in float32, as each ray is a small difference of large ones.
-    thickness = (sigmas * step).double()
+    thickness = (sigmas * dss).double()
     total = torch.cat([torch.zeros(1, dtype=torch.float64), torch.cumsum(thickness, 0)])
     before = total[:-1] - total[starts[:-1]][ray_ids]
     weights = torch.exp(-before) * (1.0 - torch.exp(-thickness))
@@ -76,7 +76,7 @@ def distortion_of(
     ss: torch.Tensor,
     starts: torch.Tensor,
     ray_ids: torch.Tensor,
-    step: float,
+    dss: torch.Tensor,
 ) -> torch.Tensor:
     """Return mip-NeRF 360's distortion ``(rays,)`` (Barron et al. 2022, equation 15)."""
     rays = len(starts) - 1
@@ -88,7 +88,7 @@ def distortion_of(
     front_w = sum_w[:-1] - sum_w[first]
     front_ws = sum_ws[:-1] - sum_ws[first]
     # Each pair is met once, at its farther sample, hence the factor 2.
-    pairs = 2.0 * w * (ss.double() * front_w - front_ws) + w * w * step / 3.0
+    pairs = 2.0 * w * (ss.double() * front_w - front_ws) + w * w * dss.double() / 3.0
     return torch.zeros(rays, dtype=torch.float64).index_add(0, ray_ids, pairs).float()
 
 

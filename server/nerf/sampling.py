@@ -1,4 +1,4 @@
-"""From rays to the samples that matter: march occupied cells, then cut by true densities."""
+"""From rays to samples: spread by what is remembered, thinned by what the field itself says."""
 
 from __future__ import annotations
 
@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.nerf.config import TrainConfig
-from server.nerf.kernels.cpu_rays import absorb, march, pack, place, start_rays
+from server.nerf.kernels.cpu_sampling import keep_visible, sample_paths
+from server.nerf.occupancy import DensityMemory
 from server.nerf.rendering import SampledRays
 
 FloatArray = NDArray[np.float32]
-
-# Samples a ray takes before the field is asked whether it goes on. Short at first, as most rays
-# meet a surface soon; long later, as each wave has its price.
-_WAVE_SLOTS = (16, 16, 32, 64)
-# No wave asks the field about more points than this at once, to bound memory.
-_WAVE_POINTS = 1 << 18
 
 
 class Backend(Protocol):
@@ -57,6 +52,7 @@ class Samples:
         points: ``(n, 3)`` ``u``.
         ts: ``(n,)`` distance along the ray, scene units.
         ss: ``(n,)`` path position.
+        dss: ``(n,)`` path length the sample stands for.
         ray_ids: ``(n,)`` ray of every sample.
     """
 
@@ -64,99 +60,67 @@ class Samples:
     points: FloatArray
     ts: FloatArray
     ss: FloatArray
+    dss: FloatArray
     ray_ids: NDArray[np.int64]
 
 
 def sample_rays(
-    backend: Backend,
-    occupied: NDArray[np.bool_],
+    memory: DensityMemory,
     origins: FloatArray,
     directions: FloatArray,
     jitters: FloatArray,
     *,
     near: float,
-    step: float,
-    open_levels: float,
-    transmittance: float,
-    least_weight: float,
+    bin_length: float,
+    even: float,
     chunks: int,
 ) -> Samples:
-    """Return the samples of rays up to where the field itself lets no more light through.
+    """Return as many samples per ray as ``jitters`` ``(rays, slots)`` has columns.
 
     Args:
-        backend: The field.
-        occupied: Cells worth a sample.
+        memory: Remembered densities.
         origins: ``(rays, 3)`` scene units.
         directions: ``(rays, 3)`` unit.
-        jitters: ``(rays,)`` shift of the samples, share of a step.
+        jitters: Place of every sample in its stratum, in [0, 1).
         near: Start of the rays, scene units.
-        step: Path units per sample.
-        open_levels: Levels of the encoding in use.
-        transmittance: A ray ends when less light than this is left.
-        least_weight: Samples of less weight are dropped; 0 keeps all.
+        bin_length: Path units per bin of the proposal.
+        even: Share of samples spread evenly.
         chunks: Parallel parts.
     """
-    rays = len(origins)
-    states = np.empty((rays, 2), np.float32)
-    start_rays(origins, directions, np.float32(near), jitters, np.float32(step), states)
-    light = np.ones(rays, np.float32)
-    kept_of_rays = np.zeros(rays, np.int64)
-    waves: list[_Wave] = []
-    active = np.arange(rays)
-    while len(active):
-        slots = _WAVE_SLOTS[min(len(waves), len(_WAVE_SLOTS) - 1)]
-        slots = max(8, min(slots, _WAVE_POINTS // len(active)))
-        ts, ss = (
-            np.empty((len(active), slots), np.float32),
-            np.empty((len(active), slots), np.float32),
-        )
-        counts = np.empty(len(active), np.int64)
-        march(
-            origins, directions, active, states, np.float32(step), occupied, ts, ss, counts, chunks
-        )
-        points = np.empty((int(counts.sum()), 3), np.float32)
-        pack(origins, directions, active, ts, counts, points)
-        keep = np.empty(len(points), bool)
-        if len(points):
-            sigmas = backend.densities(points, open_levels)
-            absorb(
-                active, counts, sigmas, np.float32(step), np.float32(transmittance),
-                np.float32(least_weight), light, states, keep,
-            )  # fmt: skip
-            waves.append(_Wave(active, counts, keep, points, ts, ss))
-            owners = np.repeat(active, counts)
-            kept_of_rays += np.bincount(owners[keep], minlength=rays)
-        active = active[np.isfinite(states[active, 0])]
-    return _join(waves, kept_of_rays)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Wave:
-    """One round of marching, see ``march``, ``pack`` and ``absorb``."""
-
-    active: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    keep: NDArray[np.bool_]
-    points: FloatArray
-    ts: FloatArray
-    ss: FloatArray
-
-
-def _join(waves: list[_Wave], kept_of_rays: NDArray[np.int64]) -> Samples:
-    """Bring the kept samples of all waves into ray order."""
-    starts = np.concatenate([[0], np.cumsum(kept_of_rays)])
-    total = int(starts[-1])
-    samples = Samples(
-        starts,
-        np.empty((total, 3), np.float32),
-        np.empty(total, np.float32),
-        np.empty(total, np.float32),
-        np.empty(total, np.int64),
+    rays, slots = jitters.shape
+    ts, ss, dss = (np.empty((rays, slots), np.float32) for _ in range(3))
+    points = np.empty((rays * slots, 3), np.float32)
+    sample_paths(
+        origins, directions, np.float32(near), np.float32(bin_length), memory.densities,
+        memory.seen, np.float32(even), jitters, ts, ss, dss, points, chunks,
+    )  # fmt: skip
+    return Samples(
+        np.arange(0, rays * slots + 1, slots, dtype=np.int64),
+        points,
+        ts.ravel(),
+        ss.ravel(),
+        dss.ravel(),
+        np.repeat(np.arange(rays), slots),
     )
-    ends = starts[:-1].copy()
-    for wave in waves:
-        place(
-            wave.active, wave.counts, wave.keep, wave.points, wave.ts, wave.ss, ends,
-            samples.points, samples.ts, samples.ss, samples.ray_ids,
-        )  # fmt: skip
-    return samples
+
+
+def visible_part(
+    samples: Samples, sigmas: FloatArray, *, transmittance: float, least_weight: float
+) -> Samples:
+    """Return the samples that show, by their true densities ``sigmas`` ``(n,)``."""
+    rays = len(samples.starts) - 1
+    slots = int(samples.starts[1]) if rays else 0
+    keep = np.empty(len(sigmas), bool)
+    counts = np.empty(rays, np.int64)
+    keep_visible(
+        slots, sigmas, samples.dss, np.float32(transmittance), np.float32(least_weight), keep,
+        counts,
+    )  # fmt: skip
+    return Samples(
+        np.concatenate([[0], np.cumsum(counts)]),
+        samples.points[keep],
+        samples.ts[keep],
+        samples.ss[keep],
+        samples.dss[keep],
+        samples.ray_ids[keep],
+    )

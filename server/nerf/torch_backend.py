@@ -85,13 +85,13 @@ class TorchBackend:
             torch.from_numpy(rays.harmonics)[ray_ids],
             level_window(self._config, open_levels),
         )
-        trusts = torch.from_numpy(rays.trusts)
+        trusts, dss = torch.from_numpy(rays.trusts), torch.from_numpy(rays.dss)
         sigmas, rgbs = scale_gradient(sigmas, trusts), scale_gradient(rgbs, trusts[:, None])
-        weights, light = weights_of(sigmas, starts, ray_ids, rays.step)
+        weights, light = weights_of(sigmas, starts, ray_ids, dss)
         pixels = composite_colours(weights, light, rgbs, ray_ids, torch.from_numpy(rays.backdrops))
         gain = torch.from_numpy(gains) * torch.exp(log_gains)
         error = pixels * gain[torch.from_numpy(rays.pictures)] - torch.from_numpy(rays.targets)
-        spread = distortion_of(weights, torch.from_numpy(rays.ss), starts, ray_ids, rays.step)
+        spread = distortion_of(weights, torch.from_numpy(rays.ss), starts, ray_ids, dss)
         loss = (
             huber(error, train.huber_delta).sum(1).mean() + train.distortion_weight * spread.mean()
         )

@@ -22,11 +22,11 @@ from server.nerf.field import initial_parameters, spherical_harmonics
 from server.nerf.kernels.cpu_rays import composite
 from server.nerf.metrics import PictureScore, mean_metrics, score_picture
 from server.nerf.numba_backend import NumbaBackend
-from server.nerf.occupancy import OccupancyGrid
+from server.nerf.occupancy import DensityMemory
 from server.nerf.optimiser import Adam
 from server.nerf.rays import PixelSource, camera_rays
 from server.nerf.rendering import Rendering, SampledRays
-from server.nerf.sampling import Backend, Samples, sample_rays
+from server.nerf.sampling import Backend, Samples, sample_rays, visible_part
 from server.nerf.space import SceneSpace, scene_space
 from server.nerf.torch_backend import TorchBackend
 from server.stages import Metrics
@@ -134,7 +134,6 @@ class Trainer:
         self._samples = 0
         self._seconds = 0.0
         self._progress = 0.0
-        self._rays = train.rays_min
         hidden = set(held_out)
         self.use_pictures([i for i in range(len(dataset)) if i not in hidden])
 
@@ -164,54 +163,48 @@ class Trainer:
             self.dataset, self._indices.tolist(), self.space, self._train.object_share
         )
         self._background = self._source.mean_colour
-        self._occupancy = OccupancyGrid(
-            self._train, self.dataset, self._indices.tolist(), self.space
-        )
+        self._memory = DensityMemory(self._train, self.dataset, self._indices.tolist(), self.space)
         centres = self.space.to_scene(self.dataset.T_world_cam[self._indices, :3, 3])
         self._usual_distance = float(np.median(np.linalg.norm(centres, axis=1)))
         self._near = self._train.near_fraction * self._usual_distance
         if self._step > 0:
-            self._occupancy.refresh(self._densities, self._rng)
+            self._memory.refresh(self._densities, self._rng)
 
     def step(self) -> StepReport:
         """Take one training step."""
         began = time.monotonic()
-        batch = self._source.draw(self._rays, self._rng)
-        open_levels, length = self._open_levels(), self._step_length()
+        count, slots = self._train.rays_per_step, self._train.samples_per_ray
+        batch = self._source.draw(count, self._rng)
+        open_levels = self._open_levels()
         samples = sample_rays(
-            self._backend,
-            self._occupancy.occupied,
+            self._memory,
             batch.origins,
             batch.directions,
-            self._rng.random(self._rays, dtype=np.float32),
+            self._rng.random((count, slots), dtype=np.float32),
             near=self._near,
-            step=length,
-            open_levels=open_levels,
-            transmittance=self._train.cut_transmittance,
-            least_weight=0.0,
+            bin_length=self._train.bin_length,
+            even=self._even_share(),
             chunks=self._chunks,
         )
-        loss, square = 0.0, 1.0
-        if len(samples.points):
-            rays = SampledRays(
-                starts=samples.starts,
-                points=samples.points,
-                ss=samples.ss,
-                ray_ids=samples.ray_ids,
-                trusts=self._trusts(samples.ts),
-                step=length,
-                harmonics=spherical_harmonics(batch.directions, self._field.sh_degree),
-                backdrops=self._backdrops(),
-                targets=batch.targets,
-                pictures=batch.pictures,
-            )
-            loss, square = self._backend.gradients(
-                rays, self._exposure.gains, self._train, open_levels
-            )
-            self._adam.step(self._backend.grads, self._progress)
-            self._exposure.step(self._backend.gain_grads, self._indices)
+        rays = SampledRays(
+            starts=samples.starts,
+            points=samples.points,
+            ss=samples.ss,
+            ray_ids=samples.ray_ids,
+            trusts=self._trusts(samples.ts),
+            dss=samples.dss,
+            harmonics=spherical_harmonics(batch.directions, self._field.sh_degree),
+            backdrops=self._backdrops(count),
+            targets=batch.targets,
+            pictures=batch.pictures,
+        )
+        loss, square = self._backend.gradients(rays, self._exposure.gains, self._train, open_levels)
+        self._adam.step(self._backend.grads, self._progress)
+        self._exposure.step(self._backend.gain_grads, self._indices)
         self._step += 1
-        self._adapt(len(samples.points))
+        due = self._step % self._train.memory_every == 0
+        if due and self._step >= self._train.memory_warm_up:
+            self._memory.refresh(self._densities, self._rng)
         self._seconds += time.monotonic() - began
         self._samples += len(samples.points)
         return StepReport(
@@ -280,7 +273,7 @@ class Trainer:
             harmonics = spherical_harmonics(directions[part], self._field.sh_degree)
             sigmas, colours = self._shade(samples, harmonics)
             composite(
-                samples.starts, sigmas, colours, samples.ts, np.float32(self._train.step_length),
+                samples.starts, sigmas, colours, samples.ts, samples.dss,
                 self._background, rgb[part], depth[part], opacity[part],
             )  # fmt: skip
         shape = (intrinsics.height, intrinsics.width)
@@ -323,7 +316,7 @@ class Trainer:
             arrays = {
                 "about": np.array(json.dumps(about)),
                 "log_gains": self._exposure.log_gains,
-                **self._occupancy.state(),
+                "densities": self._memory.densities,
                 **self._parameters.named(),
             }
             np.savez(stream, allow_pickle=False, **arrays)
@@ -366,7 +359,7 @@ class Trainer:
             for name, array in trainer._parameters.named().items():
                 array[:] = stored[name]
             trainer._exposure.log_gains = stored["log_gains"]
-            trainer._occupancy.restore(stored["memory"], stored["occupied"])
+            trainer._memory.restore(stored["densities"])
             trainer._step = int(about["step"])
             trainer._progress = 1.0
         return trainer
@@ -380,10 +373,12 @@ class Trainer:
         start = min(self._train.window_start, levels)
         return start + (levels - start) * share
 
-    def _step_length(self) -> float:
-        """Return the marching step of training now, path units."""
-        share = min(self._progress / max(self._train.window_until, 1e-9), 1.0)
-        return self._train.step_length * self._train.step_stretch ** (1.0 - share)
+    def _even_share(self) -> float:
+        """Return the share of samples spread evenly now: all until the memory knows anything."""
+        if not self._memory.ready:
+            return 1.0
+        start, end = self._train.even_share, self._train.even_share_end
+        return start + (end - start) * min(self._progress / 0.5, 1.0)
 
     def _densities(self, points: FloatArray) -> FloatArray:
         return self._backend.densities(points, self._open_levels())
@@ -395,38 +390,31 @@ class Trainer:
             return np.ones_like(ts)
         return np.minimum(1.0, (ts / np.float32(full)) ** 2).astype(np.float32)
 
-    def _backdrops(self) -> FloatArray:
+    def _backdrops(self, rays: int) -> FloatArray:
         """Return the colours ``(rays, 3)`` behind everything for one step."""
         noise = np.float32(self._train.background_noise)
-        random = self._rng.random((self._rays, 3), dtype=np.float32)
+        random = self._rng.random((rays, 3), dtype=np.float32)
         backdrops = noise * random + (np.float32(1.0) - noise) * self._background
         return backdrops.astype(np.float32)
 
-    def _adapt(self, samples: int) -> None:
-        """Set the next number of rays by the samples of this one; refresh the grid when due."""
-        per_ray = max(samples / self._rays, 1.0)
-        wanted = int(self._train.samples_per_step / per_ray)
-        # Half way only: one odd batch shall not swing the next.
-        self._rays = int(
-            np.clip((self._rays + wanted) // 2, self._train.rays_min, self._train.rays_max)
-        )
-        due = self._step % self._train.occupancy_every == 0
-        if due and self._step >= self._train.occupancy_warm_up:
-            self._occupancy.refresh(self._densities, self._rng)
-
     def _visible_samples(self, origins: FloatArray, directions: FloatArray) -> Samples:
-        return sample_rays(
-            self._backend,
-            self._occupancy.occupied,
+        """Return the samples that show on some rays of a rendering."""
+        slots = self._train.render_samples_per_ray
+        samples = sample_rays(
+            self._memory,
             origins,
             directions,
-            np.full(len(origins), 0.5, np.float32),
+            np.full((len(origins), slots), 0.5, np.float32),
             near=self._near,
-            step=self._train.step_length,
-            open_levels=self._open_levels(),
+            bin_length=self._train.bin_length,
+            even=self._train.even_share_end,
+            chunks=self._chunks,
+        )
+        return visible_part(
+            samples,
+            self._densities(samples.points),
             transmittance=_RENDER_TRANSMITTANCE,
             least_weight=_RENDER_LEAST_WEIGHT,
-            chunks=self._chunks,
         )
 
     def _shade(self, samples: Samples, harmonics: FloatArray) -> tuple[FloatArray, FloatArray]:

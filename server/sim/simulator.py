@@ -268,8 +268,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--truth", type=Path, help="append true camera poses to this file")
     parser.add_argument("--supersample", type=int, default=defaults.supersample)
+    parser.add_argument("--quiet", action="store_true", help="log warnings only")
     options = parser.parse_args(arguments)
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(name)s: %(message)s")
+    level = logging.WARNING if options.quiet else logging.INFO
+    logging.basicConfig(stream=sys.stderr, level=level, format="sim: %(message)s")
     try:
         config = SimConfig(
             scene=options.scene,

@@ -8,7 +8,8 @@ the piece size, at the next start code.
 Losses show only indirectly: a piece that continues nothing, a picture without a short end, a jump
 of ``frame_num`` (H.264 section 7.4.3), parameter sets that no key picture follows. Each makes the
 pictures up to the next key picture damaged. What is lost inside a picture is the decoder's to
-find.
+find, and it cannot find all: what follows the gap may happen to decode. Every third such loss went
+unnoticed in a small synthetic stream.
 """
 
 from __future__ import annotations

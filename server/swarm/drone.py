@@ -2,9 +2,9 @@
 
 Two paths lead to the machine. Ordinary commands wait for their reply, one at a time. The stops
 ``hold``, ``land_now`` and ``cut_motors`` write their datagrams before they return and take no lock,
-no queue and no notice of what else is pending. CUT beats LAND, LAND beats HOLD. Each is sent several
-times at once; LAND and CUT then go on until state reports show the motors standing, and a drone that
-is seen to fly although it was believed down is landed again.
+no queue and no notice of what else is pending. CUT beats LAND, LAND beats HOLD. Each is sent
+several times at once; LAND and CUT then go on until state reports show the motors standing, and a
+drone that is seen to fly although it was believed down is landed again.
 
 All methods are called on the event loop. The beat, one task per drone, sends ``rc`` 20 times a
 second in the air; a setpoint that is not renewed turns into hover.

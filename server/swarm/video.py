@@ -92,6 +92,8 @@ class VideoDecoder:
             damaged = damaged or unit.damaged
             try:
                 pictures = codec.decode(av.Packet(unit.data))
+                # Converting may fail, too: rubbish can announce any size and pixel format.
+                images = [picture.to_ndarray(format="bgr24") for picture in pictures]
             except FFmpegError:
                 self.errors += 1
                 damaged = True
@@ -103,8 +105,8 @@ class VideoDecoder:
             if len(pictures) != 1 or any(picture.is_corrupt for picture in pictures):
                 self.errors += 1
                 damaged = True
-            for picture in pictures:
-                image = np.ascontiguousarray(picture.to_ndarray(format="bgr24"), np.uint8)
+            for picture in images:
+                image = np.ascontiguousarray(picture, np.uint8)
                 frame = Frame(self._drone_id, sequence, unit.captured_s, image, damaged)
                 sequence += 1
                 self._hand_over(frame)

@@ -31,7 +31,7 @@ def both(config, chunks=3):
     )
 
 
-def random_rays(config, counts, step=0.05):
+def random_rays(config, counts):
     rng = np.random.default_rng(2)
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     total, rays = int(starts[-1]), len(counts)
@@ -46,7 +46,7 @@ def random_rays(config, counts, step=0.05):
         ss=np.concatenate([np.sort(rng.random(c)) for c in counts]).astype(np.float32),
         ray_ids=np.repeat(np.arange(rays), counts),
         trusts=rng.uniform(0.1, 1.0, total).astype(np.float32),
-        step=step,
+        dss=rng.uniform(0.01, 0.1, total).astype(np.float32),
         harmonics=spherical_harmonics(d, config.sh_degree),
         backdrops=rng.random((rays, 3), np.float32),
         targets=rng.random((rays, 3), np.float32),

@@ -7,13 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from server.geometry.poses import look_at
-from server.nerf.config import FieldConfig
-from server.nerf.field import initial_parameters
 from server.nerf.kernels.cpu_rays import composite
 from server.nerf.rendering import distortion_of, huber, weights_of
-from server.nerf.sampling import sample_rays
+from server.nerf.sampling import sample_rays, visible_part
 from server.nerf.space import contract, expand, focus_point
-from server.nerf.torch_backend import TorchBackend
 
 
 def test_constant_fog_has_exponential_light():
@@ -32,7 +29,7 @@ def test_constant_fog_has_exponential_light():
         sigmas,
         rgbs,
         ts,
-        np.float32(step),
+        np.full(n, step, np.float32),
         np.array([0, 0, 1], np.float32),
         image,
         depth,
@@ -55,7 +52,7 @@ def test_ray_without_samples_shows_the_backdrop():
     )
     none = np.empty(0, np.float32)
     composite(
-        np.zeros(2, np.int64), none, none.reshape(0, 3), none, np.float32(0.1),
+        np.zeros(2, np.int64), none, none.reshape(0, 3), none, none,
         np.array([0.1, 0.2, 0.3], np.float32), image, depth, opacity,
     )  # fmt: skip
     np.testing.assert_allclose(image[0], [0.1, 0.2, 0.3])
@@ -66,7 +63,10 @@ def test_ray_without_samples_shows_the_backdrop():
 def test_weights_and_light_add_to_one(sigmas, step):
     n = len(sigmas)
     weights, light = weights_of(
-        torch.tensor(sigmas), torch.tensor([0, n]), torch.zeros(n, dtype=torch.int64), step
+        torch.tensor(sigmas),
+        torch.tensor([0, n]),
+        torch.zeros(n, dtype=torch.int64),
+        torch.full((n,), step),
     )
     assert float(weights.sum() + light[0]) == pytest.approx(1.0, abs=1e-5)
     assert (weights >= 0).all()
@@ -77,9 +77,9 @@ def test_distortion_equals_the_double_sum(seed):
     rng = np.random.default_rng(seed)
     w, s = rng.random((2, 3, 12))
     s.sort(axis=1)
-    step = 0.03
+    ds = rng.uniform(0.01, 0.1, (3, 12))
     wanted = [
-        (w[r][:, None] * w[r] * abs(s[r][:, None] - s[r])).sum() + (w[r] ** 2).sum() * step / 3
+        (w[r][:, None] * w[r] * abs(s[r][:, None] - s[r])).sum() + (w[r] ** 2 * ds[r]).sum() / 3
         for r in range(3)
     ]
     got = distortion_of(
@@ -87,7 +87,7 @@ def test_distortion_equals_the_double_sum(seed):
         torch.from_numpy(s.ravel()).float(),
         torch.tensor([0, 12, 24, 36]),
         torch.arange(3).repeat_interleave(12),
-        step,
+        torch.from_numpy(ds.ravel()).float(),
     )
     np.testing.assert_allclose(got.numpy(), wanted, rtol=1e-4)
 
@@ -128,49 +128,74 @@ def test_focus_of_parallel_cameras_lies_ahead():
     assert focus_point(np.stack([pose, other]))[0] > 0.2
 
 
-class WallBackend(TorchBackend):
-    """An opaque wall in the plane x = 0 of scene units, empty elsewhere."""
+class Grid:
+    """A density memory made by hand: cells that are seen, and how dense they are."""
 
-    def __init__(self):
-        config = FieldConfig(levels=1, log2_table_size=8, coarsest=2, finest=2)
-        super().__init__(config, initial_parameters(config, 0), 1)
-
-    def densities(self, points, open_levels):
-        return np.where(points[:, 0] > 0.5, 1e4, 0.0).astype(np.float32)
+    def __init__(self, cells=32):
+        self.seen = np.ones((cells, cells, cells), bool)
+        self.densities = np.zeros((cells, cells, cells), np.float32)
 
 
-def test_rays_end_at_the_first_surface_and_keep_their_order():
-    rng = np.random.default_rng(0)
-    rays = 300
+def towards_the_wall(rays=300, seed=0):
+    rng = np.random.default_rng(seed)
     origins = np.tile(np.array([[-3.0, 0.0, 0.0]], np.float32), (rays, 1))
     d = np.stack([np.ones(rays), *rng.uniform(-0.2, 0.2, (2, rays))], axis=1).astype(np.float32)
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
-    samples = sample_rays(
-        WallBackend(), np.ones((32, 32, 32), bool), origins, d, rng.random(rays, np.float32),
-        near=0.5, step=1 / 64, open_levels=8.0, transmittance=1e-3, least_weight=0.0, chunks=2,
-    )  # fmt: skip
-    last = samples.starts[1:] - 1
-    # All samples before the wall are kept, and exactly one inside it.
-    np.testing.assert_array_equal(
-        np.add.reduceat((samples.points[:, 0] > 0.5).astype(int), samples.starts[:-1]), 1
+    return origins, d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def spread(grid, origins, directions, slots=16, even=0.2, seed=1):
+    jitters = np.random.default_rng(seed).random((len(origins), slots), np.float32)
+    return sample_rays(
+        grid, origins, directions, jitters, near=0.5, bin_length=1 / 20, even=even, chunks=2
     )
-    np.testing.assert_allclose(samples.points[last, 0], 0.5, atol=1 / 64)
-    assert (np.diff(samples.ray_ids) >= 0).all()
-    same = np.diff(samples.ray_ids) == 0
-    np.testing.assert_allclose(np.diff(samples.ss)[same], 1 / 64, rtol=1e-4)
-    x = origins[samples.ray_ids] + samples.ts[:, None] * d[samples.ray_ids]
+
+
+@given(even=st.floats(0.05, 1.0), seed=st.integers(0, 1000))
+def test_samples_are_ordered_and_cover_all_of_the_ray_that_is_seen(even, seed):
+    grid = Grid()
+    grid.densities[:] = np.random.default_rng(seed).exponential(1.0, grid.densities.shape)
+    origins, directions = towards_the_wall(20, seed)
+    samples = spread(grid, origins, directions, even=even, seed=seed)
+    ss, dss = samples.ss.reshape(20, 16), samples.dss.reshape(20, 16)
+    assert (np.diff(ss, axis=1) >= 0).all()
+    assert (dss >= 0).all()
+    # Every sample lies in the stretch it stands for, and the stretches join without a gap.
+    ends = np.cumsum(dss, axis=1)
+    assert (ss <= ends + 1e-3).all()
+    assert (ss >= ends - dss - 1e-3).all()
+    x = origins[samples.ray_ids] + samples.ts[:, None] * directions[samples.ray_ids]
     np.testing.assert_allclose(contract(x.astype(float)), samples.points, atol=1e-5)
 
 
-def test_empty_cells_are_skipped():
-    occupied = np.zeros((32, 32, 32), bool)
-    occupied[20] = True
-    origins = np.array([[-3.0, 0.01, 0.01]], np.float32)
-    samples = sample_rays(
-        WallBackend(), occupied, origins, np.array([[1, 0, 0]], np.float32),
-        np.zeros(1, np.float32),
-        near=0.5, step=1 / 64, open_levels=8.0, transmittance=0.0, least_weight=0.0, chunks=1,
-    )  # fmt: skip
-    cells = np.floor(samples.points[:, 0] * 32)
-    assert len(cells) > 0
-    assert (cells == 20).all()
+def test_most_samples_go_where_density_is_remembered():
+    grid = Grid()
+    grid.densities[16] = 50.0  # A wall at u = 0.5, the plane x = 0.
+    samples = spread(grid, *towards_the_wall(), even=0.2)
+    near_wall = np.abs(samples.points[:, 0] - 0.5) < 3 / 32
+    assert near_wall.mean() > 0.6
+    # Yet every ray is also looked at elsewhere, and closely enough to find something new there.
+    elsewhere = (~near_wall).reshape(-1, 16).sum(axis=1)
+    assert (elsewhere >= 1).all()
+
+
+def test_nothing_is_sampled_where_no_camera_sees():
+    grid = Grid()
+    grid.seen[:] = False
+    grid.seen[20] = True
+    samples = spread(grid, *towards_the_wall(50))
+    cells = samples.points[:, 0] * 32
+    # Bins are cut by their middles, so a sample may lie up to half a bin outside.
+    assert (np.abs(cells - 20.5) < 0.5 + 0.5 * 32 / 20 / 4 + 1e-3).all()
+    grid.seen[:] = False
+    blind = spread(grid, *towards_the_wall(5))
+    np.testing.assert_array_equal(blind.dss, 0.0)
+    assert np.isfinite(blind.points).all()
+
+
+def test_a_rendering_keeps_what_shows_and_nothing_behind_a_wall():
+    samples = spread(Grid(), *towards_the_wall(), even=1.0)
+    sigmas = np.where(samples.points[:, 0] > 0.5, 1e4, 0.0).astype(np.float32)
+    shown = visible_part(samples, sigmas, transmittance=1e-3, least_weight=1e-3)
+    np.testing.assert_array_equal(np.diff(shown.starts), 1)
+    assert (shown.points[:, 0] > 0.5).all()
+    assert (np.diff(shown.ray_ids) == 1).all()

@@ -16,6 +16,7 @@ from virtual_air import (
     in_virtual_time,
     now_s,
     setpoint,
+    sunk_to,
     steer,
 )
 
@@ -144,8 +145,7 @@ def test_a_landing_that_something_interrupts_goes_on(height_m: float) -> None:
         link = AirLink()
         async with flying_drone(link) as drone:
             drone.land_now()
-            while link.airframe.position[2] > height_m:
-                await asyncio.sleep(0.02)
+            await sunk_to(link, height_m)
             link._arrive(b"stop")  # A straggler of an earlier HOLD.
             link._hand_over(0, b"ok")
             link.loses = lambda datagram: datagram == b"land"
@@ -391,7 +391,7 @@ def test_a_link_that_raises_loses_no_later_repeat() -> None:
     in_virtual_time(story())
 
 
-# A fleet -------------------------------------------------------------------------------------------
+# A fleet -----------------------------------------------------------------------------------------
 
 
 def test_a_fleet_is_the_stop_control() -> None:

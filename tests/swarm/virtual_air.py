@@ -191,3 +191,9 @@ async def steer(drone: Drone, wanted: Setpoint, seconds: float) -> None:
     while now_s() < until_s:
         drone.set_setpoint(wanted, now_s())
         await asyncio.sleep(0.1)
+
+
+async def sunk_to(link: AirLink, height_m: float) -> None:
+    """Wait until the drone is truly this low."""
+    while link.airframe.position[2] > height_m:  # noqa: ASYNC110 - The truth raises no events.
+        await asyncio.sleep(STEP_S)

@@ -1,0 +1,258 @@
+"""The safety rules: thresholds, and setpoints that lead out of nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from server.geometry.boxes import Box3
+from server.geometry.poses import camera_pose
+from server.stages import CameraPose, Setpoint, Telemetry
+from server.swarm.config import SafetyConfig, TimingConfig
+from server.swarm.safety import (
+    FINE,
+    Verdict,
+    judge_battery,
+    judge_fence,
+    judge_pose,
+    judge_separation,
+    judge_state_age,
+    judge_telemetry,
+    judge_temperature,
+    limit_setpoint,
+    refuse_take_off,
+    worst,
+)
+
+CONFIG = SafetyConfig()
+TARGET = Box3(np.array([-0.4, -0.3, 0.0]), np.array([0.4, 0.3, 1.2]))
+HEALTHY = Telemetry(
+    drone_id="d",
+    received_s=10.0,
+    yaw_rad=0.0,
+    pitch_rad=0.0,
+    roll_rad=0.0,
+    velocity_m_s=np.zeros(3),
+    acceleration_m_s2=np.zeros(3),
+    height_m=0.0,
+    tof_m=None,
+    baro_m=0.0,
+    battery_pct=80,
+    temperature_c=70.0,
+    motor_time_s=0.0,
+)
+
+
+def pose_at(x: float, y: float, z: float, yaw_rad: float = 0.0) -> CameraPose:
+    return CameraPose("d", 0.0, camera_pose(np.array([x, y, z]), yaw_rad, 0.2), np.eye(4))
+
+
+# Verdicts ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("age_s", "action"),
+    [(0.0, "none"), (1.0, "none"), (1.01, "hold"), (3.0, "hold"), (3.01, "land"), (None, "land")],
+)
+def test_state_age(age_s: float | None, action: str) -> None:
+    assert judge_state_age(age_s, CONFIG).action == action
+
+
+@pytest.mark.parametrize(("pct", "action"), [(16, "none"), (15, "land"), (0, "land")])
+def test_battery(pct: int, action: str) -> None:
+    assert judge_battery(pct, CONFIG).action == action
+
+
+@pytest.mark.parametrize(("celsius", "action"), [(99.9, "none"), (100.0, "land")])
+def test_temperature(celsius: float, action: str) -> None:
+    assert judge_temperature(celsius, CONFIG).action == action
+
+
+@pytest.mark.parametrize(
+    ("position", "action"),
+    [
+        ((0.0, 0.0, 1.0), "none"),
+        ((4.89, 0.0, 1.0), "none"),
+        ((0.0, -4.91, 1.0), "hold"),
+        ((3.5, 3.5, 1.0), "hold"),
+        ((0.0, 0.0, 3.39), "none"),
+        ((0.0, 0.0, 3.41), "hold"),
+    ],
+)
+def test_fence_and_ceiling(position: tuple[float, float, float], action: str) -> None:
+    assert judge_fence(np.array(position), CONFIG).action == action
+
+
+def test_separation_counts_the_nearest_other() -> None:
+    others = [np.array([3.0, 0.0, 1.0]), np.array([0.0, 0.59, 1.0])]
+    verdict = judge_separation(np.array([0.0, 0.0, 1.0]), others, CONFIG)
+    assert verdict.action == "hold"
+    assert "0.59" in verdict.reason
+    assert judge_separation(np.array([0.0, 0.0, 1.0]), others[:1], CONFIG) == FINE
+    assert judge_separation(np.array([0.0, 0.0, 1.0]), [], CONFIG) == FINE
+
+
+def test_the_strongest_verdict_wins() -> None:
+    hold, land = Verdict("hold", "a"), Verdict("land", "b")
+    assert worst([FINE, hold, land, hold]) == land
+    assert worst([]) == FINE
+    old_and_empty = replace(HEALTHY, battery_pct=10)
+    assert judge_telemetry(old_and_empty, 12.0, CONFIG).action == "land"
+    assert judge_telemetry(HEALTHY, 12.0, CONFIG).action == "hold"
+    assert judge_telemetry(HEALTHY, 10.1, CONFIG) == FINE
+    assert judge_telemetry(None, 10.1, CONFIG).action == "land"
+
+
+def test_poses_are_judged_by_fence_and_separation() -> None:
+    assert judge_pose(pose_at(2, 0, 1), [pose_at(2, 0.5, 1)], CONFIG).action == "hold"
+    assert judge_pose(pose_at(6, 0, 1), [], CONFIG).action == "hold"
+    assert judge_pose(pose_at(2, 0, 1), [pose_at(-2, 0, 1)], CONFIG) == FINE
+
+
+@pytest.mark.parametrize(
+    ("telemetry", "now_s", "word"),
+    [
+        (None, 10.0, "no state"),
+        (HEALTHY, 11.5, "1.5 s"),
+        (replace(HEALTHY, battery_pct=19), 10.1, "19 %"),
+        (replace(HEALTHY, temperature_c=95.0), 10.1, "hot"),
+    ],
+)
+def test_take_off_is_refused_with_a_reason(
+    telemetry: Telemetry | None, now_s: float, word: str
+) -> None:
+    reason = refuse_take_off(telemetry, now_s, CONFIG)
+    assert reason is not None
+    assert word in reason
+
+
+def test_a_healthy_drone_may_take_off() -> None:
+    fit = replace(HEALTHY, battery_pct=20, temperature_c=94.9)
+    assert refuse_take_off(fit, 10.9, CONFIG) is None
+
+
+# Setpoints -----------------------------------------------------------------------------------------
+
+coordinates = st.floats(-6.0, 6.0)
+speeds = st.floats(-3.0, 3.0)
+
+
+def limited_world_velocity(
+    pose: CameraPose, velocity: np.ndarray, target: Box3 | None
+) -> np.ndarray:
+    """Limit a world velocity and return the world velocity that is left of it."""
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    wanted = Setpoint(turn.T @ velocity, 0.0)
+    return turn @ limit_setpoint(wanted, pose, target, CONFIG).velocity_m_s
+
+
+@given(
+    coordinates, coordinates, st.floats(0.0, 4.0), st.floats(-7, 7), st.tuples(speeds, speeds, speeds)
+)
+def test_no_setpoint_leads_out_of_fence_floor_or_ceiling(
+    x: float, y: float, z: float, yaw_rad: float, velocity: tuple[float, float, float]
+) -> None:
+    after = limited_world_velocity(pose_at(x, y, z, yaw_rad), np.array(velocity), None)
+    radius = math.hypot(x, y)
+    if radius > 1e-3:
+        outward_m_s = float(after[:2] @ [x, y]) / radius
+        assert outward_m_s <= max(CONFIG.fence_radius_m - radius, 0.0) / CONFIG.brake_s + 1e-9
+    assert after[2] <= max(CONFIG.ceiling_m - z, 0.0) / CONFIG.brake_s + 1e-9
+    assert -after[2] <= max(z - CONFIG.floor_m, 0.0) / CONFIG.brake_s + 1e-9
+
+
+@given(
+    coordinates, coordinates, st.floats(0.3, 2.9), st.floats(-7, 7), st.tuples(speeds, speeds, speeds)
+)
+def test_no_setpoint_leads_into_the_standoff(
+    x: float, y: float, z: float, yaw_rad: float, velocity: tuple[float, float, float]
+) -> None:
+    """Where fence, floor and ceiling are far; near them they have the last word."""
+    position = np.array([x, y, z])
+    away = position - np.clip(position, TARGET.lower, TARGET.upper)
+    distance_m = float(np.linalg.norm(away))
+    assume(distance_m > 1e-3)
+    assume(math.hypot(x, y) < CONFIG.fence_radius_m - 1.0)
+    assume(1.2 < z < 2.0)
+    after = limited_world_velocity(pose_at(x, y, z, yaw_rad), np.array(velocity), TARGET)
+    closing_m_s = -float(after @ away) / distance_m
+    assert closing_m_s <= max(distance_m - CONFIG.standoff_m, 0.0) / CONFIG.brake_s + 1e-6
+
+
+@given(
+    coordinates,
+    coordinates,
+    st.floats(0.0, 4.0),
+    st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 4),
+    st.booleans(),
+)
+def test_every_setpoint_comes_out_finite_and_slow(
+    x: float, y: float, z: float, wish: tuple[float, float, float, float], known: bool
+) -> None:
+    setpoint = Setpoint(np.array(wish[:3]), wish[3])
+    after = limit_setpoint(setpoint, pose_at(x, y, z), TARGET if known else None, CONFIG)
+    assert np.isfinite(after.velocity_m_s).all()
+    assert abs(after.yaw_rate_rad_s) <= CONFIG.max_yaw_rate_rad_s
+    # A retreat from several limits at once may add to a wish, but only by its own small speed.
+    assert np.linalg.norm(after.velocity_m_s) <= CONFIG.max_speed_m_s + 3 * 0.25 + 1e-9
+
+
+def test_past_a_limit_the_drone_is_driven_back() -> None:
+    outside = limited_world_velocity(pose_at(5.0, 0.0, 1.0), np.zeros(3), None)
+    assert outside[0] < 0
+    too_high = limited_world_velocity(pose_at(1.0, 0.0, 3.3), np.zeros(3), None)
+    assert too_high[2] < 0
+    too_low = limited_world_velocity(pose_at(1.0, 0.0, 0.1), np.zeros(3), None)
+    assert too_low[2] > 0
+    too_near = limited_world_velocity(pose_at(0.6, 0.0, 1.0), np.zeros(3), TARGET)
+    assert too_near[0] > 0
+    inside = limited_world_velocity(pose_at(0.1, 0.0, 1.0), np.zeros(3), TARGET)
+    assert np.linalg.norm(inside[:2]) > 0
+
+
+def test_a_harmless_setpoint_passes_unchanged() -> None:
+    wish = Setpoint(np.array([0.2, -0.1, 0.1]), 0.4)
+    after = limit_setpoint(wish, pose_at(2.0, 0.0, 1.2, 0.7), TARGET, CONFIG)
+    np.testing.assert_allclose(after.velocity_m_s, wish.velocity_m_s)
+    assert after.yaw_rate_rad_s == wish.yaw_rate_rad_s
+
+
+# Configuration -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"fence_radius_m": 0.0}, "fence_radius_m"),
+        ({"brake_s": math.nan}, "brake_s"),
+        ({"ceiling_m": 0.2}, "ceiling_m"),
+        ({"state_land_s": 0.5}, "state_land_s"),
+        ({"battery_take_off_pct": 15}, "battery_take_off_pct"),
+        ({"battery_take_off_pct": 101}, "battery_take_off_pct"),
+        ({"temperature_land_c": 90.0}, "temperature_land_c"),
+    ],
+)
+def test_senseless_thresholds_are_refused_by_name(change: dict[str, float], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        replace(CONFIG, **change)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"beat_s": 0.0}, "beat_s"),
+        ({"keep_alive_s": 6.0}, "keep_alive_s"),
+        ({"stop_repeats_s": (0.1, -1.0)}, "stop_repeats_s"),
+        ({"cut_repeat_s": math.inf}, "cut_repeat_s"),
+        ({"stop_repeats_s": ()}, "stop_repeats_s"),
+    ],
+)
+def test_senseless_times_are_refused_by_name(change: dict[str, object], name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        replace(TimingConfig(), **change)  # pyright: ignore[reportArgumentType]
