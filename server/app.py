@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
-import json
 import logging
 import os
 import random
@@ -32,13 +31,13 @@ from server.mission.events import EventStream
 from server.scene.config import SceneConfig
 from server.scene.scene import SceneView
 from server.settings import Settings
-from server.swarm.config import DroneConfig, FleetConfig, FleetFileError, load_fleet
+from server.sim.config import SimConfig, fleet_config
+from server.swarm.config import FleetConfig, FleetFileError, load_fleet
 from server.swarm.fleet import Fleet
 from server.swarm.link import LinkError
 
 logger = logging.getLogger(__name__)
 
-COLOURS = ("#e69f00", "#56b4e9", "#00b586", "#f0e442", "#cc79a7", "#d55e00", "#0092d6", "#a0a0a0")
 _DIST = Path(__file__).parent.parent / "web" / "dist"
 _LAND_S = 12.0
 _SIM_START_S = 90.0
@@ -78,9 +77,14 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
     Raises:
         StartError: If the scene is bad or the simulator does not start.
     """
-    address = wanted.address or _free_loopback_block(wanted.drones)
-    arguments = ["--scene", wanted.scene, "--drones", str(wanted.drones), "--address", address]
-    arguments += ["--seed", str(wanted.seed)]
+    config = SimConfig(
+        scene=wanted.scene,
+        drones=wanted.drones,
+        base_address=wanted.address or _free_loopback_block(wanted.drones),
+        seed=wanted.seed,
+    )
+    arguments = ["--scene", config.scene, "--drones", str(config.drones)]
+    arguments += ["--address", config.base_address, "--seed", str(config.seed), "--attached"]
     if wanted.truth is not None:
         arguments += ["--truth", str(wanted.truth)]
     if not logger.isEnabledFor(logging.INFO):
@@ -107,7 +111,7 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
             if code == 2:
                 raise SimulatorRefusedError("the simulator has said why it does not start")
             raise StartError(f"the simulator ended with exit code {code}; see the lines above")
-        yield _fleet_of(json.loads(line)["drones"])
+        yield fleet_config(config)
     finally:
         if process.returncode is None:
             process.terminate()
@@ -124,28 +128,6 @@ def real_fleet(path: Path) -> FleetConfig:
         return load_fleet(path)
     except FleetFileError as error:
         raise StartError(str(error)) from error
-
-
-def _fleet_of(drones: list[dict[str, object]]) -> FleetConfig:
-    return FleetConfig(
-        drones=tuple(
-            DroneConfig(
-                id=str(drone["id"]),
-                name=str(drone["id"]).replace("-", " ").capitalize(),
-                colour=COLOURS[index % len(COLOURS)],
-                azimuth_deg=float(str(drone["azimuth_deg"])),
-                address=str(drone["address"]),
-                local_address=_local_address(str(drone["address"])),
-            )
-            for index, drone in enumerate(drones)
-        )
-    )
-
-
-def _local_address(address: str) -> str:
-    """Return the loopback address from which to talk to the simulated drone at ``address``."""
-    head, last = address.rsplit(".", 1)
-    return f"{head}.{int(last) + 100}"
 
 
 def _free_loopback_block(drones: int) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.geometry.poses import camera_pose
+from server.geometry.poses import camera_pose, yaw_of_camera
 
 Array = NDArray[np.float64]
 
@@ -153,8 +153,7 @@ class CameraPose:
     @property
     def yaw_rad(self) -> float:
         """Heading, counter-clockwise about +Z."""
-        forward = self.T_world_cam[:3, 2]
-        return float(np.arctan2(forward[1], forward[0]))
+        return yaw_of_camera(self.T_world_cam)
 
     @property
     def position_sigma_m(self) -> float:

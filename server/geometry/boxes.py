@@ -57,7 +57,8 @@ class Box3:
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which ``points`` ``(n, 3)`` lie inside or on the surface."""
-        return ((points >= self.lower) & (points <= self.upper)).all(axis=1)
+        inside = (points >= self.lower) & (points <= self.upper)
+        return np.asarray(inside.all(axis=1), bool)
 
     def grown(self, margin_m: float) -> Box3:
         """Return the box with every face moved outwards by ``margin_m``."""

@@ -81,7 +81,7 @@ class Intrinsics:
         return pixels, depths
 
     def directions(self, pixels: Array) -> Array:
-        """Return unit viewing directions ``(n, 3)`` in the camera frame for ``pixels`` ``(n, 2)``."""
+        """Return unit directions ``(n, 3)`` in the camera frame of ``pixels`` ``(n, 2)``."""
         pixels = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
         normalised = cv2.undistortPoints(pixels, self.K, np.array(self.distortion)).reshape(-1, 2)
         rays = np.concatenate([normalised, np.ones((len(normalised), 1))], axis=1)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def transform_from(R: Array, t: Array) -> Array:
-    """Return the ``(4, 4)`` transform with rotation ``R`` ``(3, 3)`` and translation ``t`` ``(3,)``."""
+    """Return the ``(4, 4)`` transform of rotation ``R`` ``(3, 3)`` and translation ``t``."""
     T = np.eye(4)
     T[:3, :3] = R
     T[:3, 3] = t
@@ -59,7 +59,7 @@ def camera_pose(position_world: Array, yaw_rad: float, tilt_rad: float) -> Array
 
 
 def yaw_of_camera(T_world_cam: Array) -> float:
-    """Return the heading in radians of a camera pose ``(4, 4)`` that is not looking straight down."""
+    """Return the heading in radians of a camera pose ``(4, 4)`` that does not look down."""
     forward = T_world_cam[:3, 2]
     return float(np.arctan2(forward[1], forward[0]))
 

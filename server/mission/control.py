@@ -233,6 +233,16 @@ class Control:
                     self._standing[type(event)] = event
                 if isinstance(event, CaptureChanged):
                     self._keep(event)
+                if isinstance(event, Noted | CaptureChanged):
+                    self._log(event)
+
+    def _log(self, event: Noted | CaptureChanged) -> None:
+        """Write what an operator was told into the run's own log."""
+        if self._mission is None or self._mission_task is None or self._mission_task.done():
+            return
+        fields = dataclasses.asdict(event)
+        name = "noted" if isinstance(event, Noted) else "capture_changed"
+        self._mission.run_folder.log(event=name, **(fields | {"at": event.at.isoformat()}))
 
     def _keep(self, status: CaptureChanged) -> None:
         record = self._records.get(status.id)

@@ -267,7 +267,7 @@ class Mission:
             raise StepFailedError(f"no flight is possible: {error}") from error
 
     async def _fly(self) -> None:
-        """Go to this round's viewpoints; the seed is refined from the views of the last round."""
+        """Go to this round's viewpoints, saving key frames on the way."""
         for drone_id, viewpoint in self._viewpoints().items():
             self._tools.pilot.fly(drone_id, viewpoint)
         await self._until(

@@ -229,7 +229,9 @@ class Airframe:
             self.finished = True
         elif self.manoeuvre is not None:
             near = float(np.linalg.norm(self.manoeuvre.goal - self.position)) < 0.03
-            if near and abs(self.manoeuvre.turn_left_rad) < math.radians(1.0):
+            turned = abs(self.manoeuvre.turn_left_rad) < math.radians(1.0)
+            # Ending it at speed would let the lag carry the drone past its goal.
+            if near and turned and abs(self._turn_rad_s) < math.radians(3.0):
                 self.manoeuvre = None
                 self.finished = True
         self.position[2] = max(self.position[2], 0.0)

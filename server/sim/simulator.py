@@ -12,6 +12,7 @@ import asyncio
 import contextlib
 import json
 import logging
+import os
 import signal
 import sys
 import threading
@@ -35,6 +36,7 @@ _LOG = logging.getLogger(__name__)
 
 _REPORT_PERIOD_S = 5.0
 _NOBODY_LOOKS_S = 0.02
+_ORPHAN_CHECK_S = 1.0
 
 
 class PictureSource(Protocol):
@@ -256,6 +258,19 @@ def _ready_line(config: SimConfig) -> dict[str, object]:
     }
 
 
+async def _attached(config: SimConfig) -> None:
+    """Run the simulator until it ends or its starting process is gone, however that died."""
+    parent = os.getppid()
+    running = asyncio.create_task(run_simulator(config), name="simulator")
+    while not running.done() and os.getppid() == parent:
+        await asyncio.wait({running}, timeout=_ORPHAN_CHECK_S)
+    if running.done():
+        running.result()
+        return
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the simulator from a command line; returns 2 when it cannot have what was asked for."""
     defaults = SimConfig()
@@ -268,6 +283,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--truth", type=Path, help="append true camera poses to this file")
     parser.add_argument("--supersample", type=int, default=defaults.supersample)
+    parser.add_argument(
+        "--attached", action="store_true", help="end when the program that started this one ends"
+    )
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     options = parser.parse_args(arguments)
     level = logging.WARNING if options.quiet else logging.INFO
@@ -281,7 +299,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             truth_file=options.truth,
             supersample=options.supersample,
         )
-        asyncio.run(run_simulator(config))
+        asyncio.run(_attached(config) if options.attached else run_simulator(config))
     except (SimError, WorldError, ValueError, OSError) as error:
         sys.stderr.write(f"dronerf: {error}\n")
         return 2

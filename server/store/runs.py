@@ -2,8 +2,8 @@
 
 ``capture.json`` (what was asked, how far it came), ``images/`` and ``masks/`` (the dataset),
 ``keyframes/`` (pictures between them), ``pictures.jsonl`` (their believed poses),
-``transforms.json`` (what instant-ngp and nerfstudio open), ``metrics.json``, ``log.jsonl``,
-``checkpoint.pt``, ``preview.jpg``.
+``transforms.json`` (what instant-ngp and nerfstudio open), ``poses.json``, ``metrics.json``,
+``log.jsonl``, ``checkpoint.npz``, ``preview.jpg``.
 """
 
 from __future__ import annotations

@@ -34,12 +34,14 @@ class AccessUnit:
         data: Annex-B bytes, parameter sets included where they came before it.
         captured_s: When its first datagram arrived.
         key: True when it can be decoded without any other picture.
+        has_sets: True when both parameter sets came along.
         damaged: True when data is known or suspected to be lost since the last key picture.
     """
 
     data: bytes
     captured_s: float
     key: bool
+    has_sets: bool
     damaged: bool
 
 
@@ -155,26 +157,28 @@ class AccessUnits:
         data = bytes(self._buffer)
         self._buffer.clear()
         self._has_slice = False
-        key, saw_sets, number, is_reference = False, False, None, True
+        kinds: set[int] = set()
+        number, is_reference = None, True
         for nal in _nal_units(data):
             kind = nal[0] & 0x1F
+            kinds.add(kind)
             if kind == _SPS:
                 self._width = _frame_num_bits(nal)
-                saw_sets = True
             elif kind in (_SLICE, _KEY_SLICE):
-                key = key or kind == _KEY_SLICE
                 is_reference = bool(nal[0] & 0x60)
                 number = _frame_num(nal, self._width) if self._width is not None else None
+        key = _KEY_SLICE in kinds
         if key:
             # A suspicion about this very picture was noted before it was finished: keep that.
             self._damaged = self._ends_suspiciously(data)
         else:
-            if saw_sets:
+            if _SPS in kinds:
                 self._suspect()
             self._check_frame_num(number)
         if is_reference:
             self._reference = number
-        return AccessUnit(data, self._captured_s, key, self._damaged)
+        has_sets = {_SPS, _PPS} <= kinds
+        return AccessUnit(data, self._captured_s, key, has_sets, self._damaged)
 
     @staticmethod
     def _ends_suspiciously(data: bytes) -> bool:

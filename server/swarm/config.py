@@ -260,6 +260,7 @@ class TimingConfig:
             value = getattr(self, item.name)
             for number in value if isinstance(value, tuple) else (value,):
                 _check(math.isfinite(number) and number > 0, item.name, "must be positive", value)
+        _check(bool(self.stop_repeats_s), "stop_repeats_s", "must not be empty", ())
         # The drone lands by itself after 15 s of silence; one lost datagram must not lead there.
         _check(self.keep_alive_s <= 5.0, "keep_alive_s", "must be at most 5", self.keep_alive_s)
 
@@ -365,6 +366,11 @@ def _intrinsics_from(value: object, label: str) -> Intrinsics:
         else:
             numbers[key] = _number(item, f"{label}.{key}")
     merged = {key: numbers.get(key, getattr(TELLO_INTRINSICS, key)) for key in _INTRINSICS_KEYS}
+    for key in ("width", "height", "fx", "fy", "cx", "cy"):
+        if not math.isfinite(merged[key]):
+            raise ValueError(f"{label}.{key} must be finite, not {merged[key]!r}")
+    if not all(map(math.isfinite, merged["distortion"])):
+        raise ValueError(f"{label}.distortion must be finite, not {merged['distortion']!r}")
     for key in ("width", "height", "fx", "fy"):
         if not merged[key] > 0:
             raise ValueError(f"{label}.{key} must be positive, not {merged[key]!r}")

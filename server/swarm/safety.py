@@ -36,6 +36,8 @@ _RANK: dict[Action, int] = {"none": 0, "hold": 1, "land": 2}
 
 # Inside the standoff or outside the fence a drone is driven back, but never faster than this.
 _RETREAT_M_S = 0.25
+# No wish is faster than this; far more would overflow when squared.
+_ABSURD_M_S = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +168,8 @@ def limit_setpoint(
         config: Thresholds.
     """
     turn = _rotation_z(pose.yaw_rad)
-    velocity = turn @ np.nan_to_num(setpoint.velocity_m_s, nan=0.0, posinf=0.0, neginf=0.0)
+    wish = np.nan_to_num(setpoint.velocity_m_s, nan=0.0, posinf=0.0, neginf=0.0)
+    velocity = turn @ np.clip(wish, -_ABSURD_M_S, _ABSURD_M_S)
     speed = float(np.linalg.norm(velocity))
     if speed > config.max_speed_m_s:
         velocity = velocity * (config.max_speed_m_s / speed)
@@ -190,7 +193,7 @@ def _limits(position: Array, target: Box3 | None, config: SafetyConfig) -> list[
         distance_m = float(np.linalg.norm(away))
         if distance_m < 1e-6:  # Inside the box: out by the shortest horizontal way.
             away = (position - target.centre) * [1.0, 1.0, 0.0]
-            if not away.any():
+            if np.linalg.norm(away) < 1e-6:
                 away = np.array([1.0, 0.0, 0.0])
             distance_m = 0.0
         limits.append(towards(-away / np.linalg.norm(away), distance_m - config.standoff_m))

@@ -85,8 +85,11 @@ class VideoDecoder:
         sequence = 0
         while (unit := self._next_unit()) is not None:
             if unit.key:
-                damaged = False
                 running = True
+                if unit.has_sets:
+                    # What a decoder keeps of a broken picture spoils even the next key picture,
+                    # unnoticed, and flushing does not help; a new one costs next to nothing.
+                    codec, damaged = _open_codec(), False
             if not running:
                 continue
             damaged = damaged or unit.damaged
@@ -100,7 +103,7 @@ class VideoDecoder:
                 continue
             except Exception:  # noqa: BLE001  # The thread outlives any one picture.
                 _LOG.exception("%s: decoder failed, starts anew", self._drone_id)
-                codec, running = _open_codec(), False
+                codec, running, damaged = _open_codec(), False, True
                 continue
             if len(pictures) != 1 or any(picture.is_corrupt for picture in pictures):
                 self.errors += 1

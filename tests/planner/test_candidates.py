@@ -61,9 +61,7 @@ def test_the_nearest_shell_is_as_near_as_the_picture_allows(dog: SeedGeometry) -
 def test_high_places_are_among_the_candidates(dog: SeedGeometry) -> None:
     views = generate_candidates(dog, TELLO_INTRINSICS, TELLO_TILT_RAD, CONFIG)
     top = dog.outer.upper[2]
-    assert max(v.position_world[2] for v in views) == pytest.approx(
-        top + CONFIG.candidates.above_m
-    )
+    assert max(v.position_world[2] for v in views) == pytest.approx(top + CONFIG.candidates.above_m)
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def test_rc_is_written_as_the_guide_says() -> None:
         encode_rc((0, 0, 101, 0))
 
 
-# Stick inverse ---------------------------------------------------------------------------------
+# Stick inverse ------------------------------------------------------------------------------------
 
 
 def sticks_for(
@@ -225,7 +225,7 @@ def test_a_setpoint_that_is_not_finite_is_refused(bad: float) -> None:
             sticks_for(**{axis: bad})
 
 
-# Replies to commands -----------------------------------------------------------------------------
+# Replies to commands ------------------------------------------------------------------------------
 
 
 def test_a_reply_answers_the_outstanding_command() -> None:

@@ -16,8 +16,8 @@ from virtual_air import (
     in_virtual_time,
     now_s,
     setpoint,
-    sunk_to,
     steer,
+    sunk_to,
 )
 
 from server.stages import StopControl
@@ -391,7 +391,7 @@ def test_a_link_that_raises_loses_no_later_repeat() -> None:
     in_virtual_time(story())
 
 
-# A fleet -----------------------------------------------------------------------------------------
+# A fleet ------------------------------------------------------------------------------------------
 
 
 def test_a_fleet_is_the_stop_control() -> None:

@@ -52,7 +52,7 @@ def coded_pictures() -> tuple[tuple[bytes, ...], ...]:
         "tune": "zerolatency",
         "profile": "main",
         "crf": "18",
-        "x264-params": "bframes=0:ref=1:slices=1:scenecut=0:repeat-headers=1:keyint=infinite:cabac=1",
+        "x264-params": "bframes=0:ref=1:slices=1:scenecut=0:repeat-headers=1:keyint=infinite",
     }
     coded: list[tuple[bytes, ...]] = []
     for number in range(PICTURES):
@@ -235,7 +235,7 @@ def test_assembling_survives_any_bytes(noise: list[bytes], start_codes: bool) ->
     for number, datagram in enumerate(noise):
         for unit in units.feed(START + datagram if start_codes else datagram, float(number)):
             assert unit.data
-    group = [unit for unit in assembled(KEY_EVERY, 2 * KEY_EVERY, units)]
+    group = assembled(KEY_EVERY, 2 * KEY_EVERY, units)
     assert group[-1].captured_s == 2 * KEY_EVERY - 1
     assert not group[-1].damaged
     assert group[-1].data == coded_pictures()[2 * KEY_EVERY - 1][0]

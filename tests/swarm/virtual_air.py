@@ -45,10 +45,13 @@ class _JumpingSelector(selectors.DefaultSelector):
     def __init__(self) -> None:
         super().__init__()
         self.now_s = 1000.0
+        self.threads_at_work = 0
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is None:
             return super().select(None)  # Only another thread can go on from here.
+        if self.threads_at_work:
+            return super().select(0.01)  # Their time is real, so ours stands still meanwhile.
         ready = super().select(0)
         if not ready:
             self.now_s += max(0.0, timeout)
@@ -64,6 +67,15 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
 
     def time(self) -> float:
         return self._jumping.now_s
+
+    def run_in_executor(self, executor: Any, func: Any, *args: Any) -> asyncio.Future[Any]:
+        self._jumping.threads_at_work += 1
+        future = super().run_in_executor(executor, func, *args)
+        future.add_done_callback(self._thread_done)
+        return future
+
+    def _thread_done(self, _: object) -> None:
+        self._jumping.threads_at_work -= 1
 
 
 def in_virtual_time(coroutine: Coroutine[Any, Any, T]) -> T:
