@@ -72,9 +72,11 @@ async def test_sign_in_stop_and_watch(tmp_path: Path, page: Page) -> None:
         })"""
         assert await page.evaluate(first) == "drone_reported"
 
-        await page.goto(console.http + "/scene/")
-        # The viewer lists the nodes it was sent: when it names ours, the whole way worked.
-        await page.wait_for_selector("text=drones", timeout=30_000)
+        # The viewer reports its own connection, through the bridge and with the right subprotocol.
+        async with page.expect_console_message(
+            lambda message: message.text.startswith("Connected!"), timeout=30_000
+        ):
+            await page.goto(console.http + "/scene/")
         await page.wait_for_selector("canvas")
         following.cancel()
         await asyncio.gather(following, return_exceptions=True)
