@@ -53,6 +53,8 @@ _FULL_FRAME = 0.85
 # and a box that is this many times larger or smaller than believed is not the object.
 _TRIM_REACH_M = 0.35
 _TRIM_RATIO = 1.5
+# Seed views may miss their azimuth by this much.
+_AZIMUTH_RAD = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,7 +225,11 @@ class Pilot:
         if isinstance(wing.goal, _Centre):
             camera = wing.drone.config.intrinsics
             off_px = np.abs(box.centroid_px - np.array([camera.cx, camera.cy])).max()
-            return not box.touches_edge and off_px < 2.0 * self._config.mission.centred_px
+            seen_from = self.pose(drone_id).position_world - self._target.estimate().centre
+            azimuth_rad = float(np.arctan2(seen_from[1], seen_from[0]))
+            there = abs(wrap_angle(azimuth_rad - wing.goal.azimuth_rad)) < _AZIMUTH_RAD
+            near = off_px < 2.0 * self._config.mission.centred_px
+            return there and near and not box.touches_edge
         return False
 
     def report(self, drone_id: str) -> DroneReported:
