@@ -15,8 +15,7 @@ from pydantic import BaseModel, TypeAdapter
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import camera_pose
-from server.jobs.spec import JobSpec
-from server.jobs.worker import Reporter
+from server.jobs.spec import JobSpec, Reporting
 from server.planner.config import PlannerConfig
 from server.planner.mission_plan import plan_mission
 from server.planner.placement import PlanProgress
@@ -71,7 +70,7 @@ class PlanResult(BaseModel):
         return Assignment(tuple(rounds))
 
 
-def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
+def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
     """Plan, reporting the annealing a few times a second; raises ValueError on bad input."""
     wanted = PlanInput.model_validate(spec.parameters)
     seed = SeedGeometry(

@@ -15,7 +15,7 @@ import signal
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from server.jobs.spec import JobSpec
 
@@ -38,8 +38,28 @@ class JobFailedError(Exception):
         self.bad_input = bad_input
 
 
-class Job:
-    """A running worker.
+class Job(Protocol):
+    """A job under way."""
+
+    def events(self) -> AsyncIterator[dict[str, Any]]:
+        """Yield the job's events until it is done; raises JobFailedError if it fails."""
+        ...
+
+    async def cancel(self) -> None:
+        """End the job; does nothing when it has already ended."""
+        ...
+
+
+class JobRunner(Protocol):
+    """Starts jobs."""
+
+    async def submit(self, spec: JobSpec, folder: Path) -> Job:
+        """Start ``spec`` in ``folder`` and return the running job."""
+        ...
+
+
+class LocalJob:
+    """A running worker process; a ``Job``.
 
     Attributes:
         folder: The job's folder, with ``spec.json``, ``events.jsonl`` and ``worker.log``.
@@ -93,9 +113,9 @@ class Job:
 
 
 class LocalRunner:
-    """Starts workers on this machine."""
+    """Starts workers on this machine; a ``JobRunner``."""
 
-    async def submit(self, spec: JobSpec, folder: Path) -> Job:
+    async def submit(self, spec: JobSpec, folder: Path) -> LocalJob:
         """Start ``spec`` in ``folder`` and return the running job."""
         spec.write(folder)
         (folder / "stop").unlink(missing_ok=True)
@@ -122,4 +142,4 @@ class LocalRunner:
                 start_new_session=True,
             )
         logger.info("job %s started as process %d", folder.name, process.pid)
-        return Job(folder, process)
+        return LocalJob(folder, process)

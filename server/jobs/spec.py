@@ -11,9 +11,21 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 Kind = Literal["plan", "reconstruct"]
+
+
+class Reporting(Protocol):
+    """A job's way out (events) and in (the wish to stop)."""
+
+    def emit(self, event: str, **fields: Any) -> None:
+        """Tell one event."""
+        ...
+
+    def should_stop(self) -> bool:
+        """Return True once somebody asked for the end."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

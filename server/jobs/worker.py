@@ -25,7 +25,7 @@ _PROGRAMS = {"plan": "server.jobs.plan", "reconstruct": "server.jobs.reconstruct
 
 
 class Reporter:
-    """The worker's way out (events) and in (the wish to stop)."""
+    """The worker's ``Reporting``: JSON lines out, a file or a signal in."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

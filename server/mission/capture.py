@@ -7,6 +7,7 @@ telemetry are on disk before the next phase begins.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Mapping
 from datetime import UTC, datetime
 
 import cv2
@@ -39,7 +40,7 @@ class Photographer:
         self,
         run: RunFolder,
         fleet: Fleet,
-        eyes: dict[str, Eye],
+        eyes: Mapping[str, Eye],
         pilot: Pilot,
         events: EventStream,
         config: MissionConfig,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Literal, Protocol
 
+from server.mission.checklist import Check
 from server.mission.events import (
     CaptureChanged,
     DroneReported,
@@ -14,6 +16,7 @@ from server.mission.events import (
     EventStream,
     FrameAnnotated,
 )
+from server.swarm.failsafes import Failsafe
 
 Mode = Literal["optimized", "standard"]
 DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
@@ -35,9 +38,11 @@ class CaptureRequest:
         mode: ``optimized`` (the paper's method) or ``standard`` (the fixed ring).
         drones: How many drones to use, None for all.
         pictures: How many pictures in all.
-        train_seconds: Training time of the judged field after the last picture.
+        train_seconds: Training time of the judged field after the last picture; 0 takes
+            pictures only.
         name: A name for people, also part of the run folder's name.
         seed: Seed of planning and training.
+        overrides: Reason by checklist item that shall not keep the capture on the ground.
     """
 
     mode: Mode = "optimized"
@@ -46,6 +51,7 @@ class CaptureRequest:
     train_seconds: float = 60.0
     name: str = ""
     seed: int = 0
+    overrides: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +110,22 @@ class MissionControl(Protocol):
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
+        ...
+
+    def preflight(self) -> Sequence[Check]:
+        """Return the preflight checklist as it stands now."""
+        ...
+
+    def failsafes(self) -> Sequence[Failsafe]:
+        """Return the failsafe table, row by row."""
+        ...
+
+    def note_operator(self) -> None:
+        """Note a sign of life of the operator in command; from now on silence is a failsafe."""
+        ...
+
+    def release_operator(self) -> None:
+        """Fly on without an operator: nobody's silence counts until the next sign of life."""
         ...
 
     def run_folder(self, capture_id: str) -> Path:

@@ -9,12 +9,15 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import logging
+from collections import deque
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from server.jobs.runner import LocalRunner
+from server.jobs.runner import JobRunner, LocalRunner
+from server.mission.checklist import Check, check_disk, check_drone
 from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
@@ -28,6 +31,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     EventStream,
+    FailsafeFired,
     FrameAnnotated,
     MetricsMeasured,
     Noted,
@@ -36,15 +40,21 @@ from server.mission.events import (
     PreviewRendered,
     SeedFitted,
 )
-from server.mission.eyes import Eye
+from server.mission.eyes import CameraEye, Eye
 from server.mission.mission import Mission, MissionTools
 from server.mission.pilot import Pilot
 from server.store.runs import RunFolder, list_runs
-from server.swarm.fleet import Fleet
+from server.swarm.drone import Drone
+from server.swarm.failsafes import Failsafe
+from server.swarm.fleet import FiredNote, Fleet
 
 logger = logging.getLogger(__name__)
 
+EyeMaker = Callable[[Drone], Eye]
+
 _REPORT_S = 0.2
+_LONGEST_REASON = 300
+_FAILSAFES_KEPT = 50
 # The newest of each is what a newcomer to the console needs to see.
 _STANDING = (SeedFitted, PlanFound, PosesRefined, PreviewRendered, MetricsMeasured, CaptureChanged)
 
@@ -58,19 +68,39 @@ class Control:
         events: Where all news goes.
     """
 
-    def __init__(self, fleet: Fleet, runs: Path, config: FlightConfig, events: EventStream) -> None:
+    def __init__(
+        self,
+        fleet: Fleet,
+        runs: Path,
+        config: FlightConfig,
+        events: EventStream,
+        *,
+        make_eye: EyeMaker | None = None,
+        runner: JobRunner | None = None,
+    ) -> None:
+        """Build it.
+
+        Args:
+            fleet: The drones.
+            runs: Folder of the run folders.
+            config: Numbers of everything that flies.
+            events: Where all news goes.
+            make_eye: Makes a drone's eye; without it the drone's pictures are searched.
+            runner: Starts background jobs; without it they are processes of this machine.
+        """
         self.events = events
         self._fleet = fleet
         self._runs = runs
         self._config = config
         self._threads = ThreadPoolExecutor(2, thread_name_prefix="eyes")
-        self._eyes = {
-            drone_id: Eye(drone, config.vision, events, self._threads)
-            for drone_id, drone in fleet.drones.items()
-        }
+        make_eye = make_eye if make_eye is not None else self._camera_eye
+        self._eyes: dict[str, Eye] = {d: make_eye(drone) for d, drone in fleet.drones.items()}
         self._pilot = Pilot(fleet, self._eyes, config, events)
-        self._tools = MissionTools(fleet, self._eyes, self._pilot, LocalRunner(), events, config)
+        runner = runner if runner is not None else LocalRunner()
+        self._tools = MissionTools(fleet, self._eyes, self._pilot, runner, events, config)
         self._records: dict[str, CaptureRecord] = _records_on_disk(runs)
+        self._fired = 0  # Number of the newest failsafe told.
+        self._failsafes: deque[FailsafeFired] = deque(maxlen=_FAILSAFES_KEPT)
         self._standing: dict[type[Event], Event] = {}
         self._mission: Mission | None = None
         self._mission_task: asyncio.Task[None] | None = None
@@ -116,6 +146,9 @@ class Control:
             Noted("error", f"The console's task “{task.get_name()}” failed, so all drones land.")
         )
 
+    def _camera_eye(self, drone: Drone) -> Eye:
+        return CameraEye(drone, self._config.vision, self.events, self._threads)
+
     # -- what is known ------------------------------------------------------------------------
 
     def drones(self) -> list[DroneReported]:
@@ -128,7 +161,7 @@ class Control:
 
     def standing(self) -> list[Event]:
         """Return the events a newcomer needs to see the present state."""
-        return list(self._standing.values())
+        return [*self._standing.values(), *self._failsafes]
 
     def captures(self) -> list[CaptureRecord]:
         """Return all known captures, newest first."""
@@ -140,6 +173,26 @@ class Control:
             return self._records[capture_id]
         except KeyError:
             raise UnknownError(f"there is no capture {capture_id!r}") from None
+
+    def preflight(self) -> list[Check]:
+        """Return the preflight checklist as it stands now."""
+        now_s = asyncio.get_running_loop().time()
+        drones = self._fleet.drones.values()
+        checks = [c for drone in drones for c in check_drone(drone, now_s, self._config.safety)]
+        return [*checks, check_disk(self._runs)]
+
+    def failsafes(self) -> tuple[Failsafe, ...]:
+        """Return the failsafe table, row by row."""
+        return self._config.safety.failsafes.rows()
+
+    def note_operator(self) -> None:
+        """Note a sign of life of the operator in command."""
+        self._fleet.note_operator()
+
+    def release_operator(self) -> None:
+        """Fly on without an operator."""
+        self._fleet.forget_operator()
+        self.events.publish(Noted("warning", "Nobody is in command now; the flight goes on."))
 
     def run_folder(self, capture_id: str) -> Path:
         """Return the run folder of a capture; raises UnknownError."""
@@ -224,7 +277,22 @@ class Control:
         while True:
             for report in self.drones():
                 self.events.publish(report)
+            for note in self._fleet.fired:
+                if note.number > self._fired:
+                    self._fired = note.number
+                    self._tell_failsafe(note)
             await asyncio.sleep(_REPORT_S)
+
+    def _tell_failsafe(self, note: FiredNote) -> None:
+        fired = note.fired
+        row = fired.failsafe
+        event = FailsafeFired(
+            note.drone_id, row.event, row.threshold, row.action, fired.value, fired.text
+        )
+        self._failsafes.append(event)
+        self.events.publish(event)
+        text = f"Failsafe {row.action.replace('_', ' ')}: {fired.text}."
+        self.events.publish(Noted("warning", text, note.drone_id))
 
     async def _watch(self) -> None:
         with self.events.subscribe(1024) as subscription:
@@ -267,8 +335,11 @@ def _checked(request: CaptureRequest, fleet: list[str]) -> list[str]:
         raise ValueError(f"drones must be 1 to {len(fleet)}, not {count}")
     if not count <= request.pictures <= 400:
         raise ValueError(f"pictures must be {count} (one each) to 400, not {request.pictures}")
-    if not 1.0 <= request.train_seconds <= 86_400:
-        raise ValueError(f"train_seconds must be 1 to 86400, not {request.train_seconds}")
+    if request.train_seconds != 0 and not 1.0 <= request.train_seconds <= 86_400:
+        raise ValueError(f"train_seconds must be 0 or 1 to 86400, not {request.train_seconds}")
+    for item, reason in request.overrides.items():
+        if not 3 <= len(reason.strip()) <= _LONGEST_REASON:
+            raise ValueError(f"overrides.{item} needs a reason of 3 to {_LONGEST_REASON} letters")
     if request.mode not in ("optimized", "standard"):
         raise ValueError(f"mode must be optimized or standard, not {request.mode}")
     return fleet[:count]

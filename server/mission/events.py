@@ -85,6 +85,28 @@ class FrameAnnotated:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FailsafeFired:
+    """A row of the failsafe table began to fire for a drone.
+
+    Attributes:
+        drone_id: Which drone.
+        event: The row's event, see ``server.swarm.failsafes``.
+        threshold: The row's threshold.
+        action: What the drone does: ``hold``, ``land``, ``land_all`` or ``cut``.
+        value: What was measured.
+        text: The measured value in words.
+    """
+
+    drone_id: str
+    event: str
+    threshold: float
+    action: str
+    value: float
+    text: str
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimated:
     """A drone's believed camera pose, about ten times a second."""
 
@@ -265,6 +287,7 @@ Event = (
     | PreviewRendered
     | MetricsMeasured
     | CaptureChanged
+    | FailsafeFired
     | Noted
 )
 

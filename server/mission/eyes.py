@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Protocol
 
 from server.mission.events import EventStream, FrameAnnotated
 from server.stages import Box, Frame, Region
@@ -33,13 +34,28 @@ class Sight:
     box: Box | None
 
 
-class Eye:
-    """Looks at every picture of one drone.
+class Eye(Protocol):
+    """Says what one drone sees.
 
     Attributes:
         sight: What the newest searched picture showed, None before the first.
         annotated: The newest annotated picture, None before the first.
     """
+
+    sight: Sight | None
+    annotated: FrameAnnotated | None
+
+    def expect(self, prior: RegionPrior | None) -> None:
+        """Say where the object should be in the next pictures."""
+        ...
+
+    async def run(self) -> None:
+        """Look at pictures for ever."""
+        ...
+
+
+class CameraEye:
+    """Looks at every picture of one drone; an ``Eye``."""
 
     def __init__(
         self, drone: Drone, config: VisionConfig, events: EventStream, threads: Executor
@@ -51,20 +67,10 @@ class Eye:
         self._events = events
         self._threads = threads
         self._expected: RegionPrior | None = None
-        self._looked = asyncio.Condition()
 
     def expect(self, prior: RegionPrior | None) -> None:
         """Say where the object should be in the next pictures."""
         self._expected = prior
-
-    async def next_sight(self, after: int) -> Sight:
-        """Return the first sight of a picture with a sequence number above ``after``."""
-        async with self._looked:
-            await self._looked.wait_for(
-                lambda: self.sight is not None and self.sight.frame.sequence > after
-            )
-        assert self.sight is not None
-        return self.sight
 
     async def run(self) -> None:
         """Look at pictures for ever."""
@@ -81,8 +87,6 @@ class Eye:
                 frame.drone_id, frame.sequence, frame.captured_s, jpeg, frame.damaged
             )
             self._events.publish(self.annotated)
-            async with self._looked:
-                self._looked.notify_all()
 
     def _look(self, frame: Frame, expected: RegionPrior | None) -> tuple[Sight, bytes]:
         found = None if frame.damaged else self._tracker.update(frame, expected)

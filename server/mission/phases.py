@@ -3,6 +3,10 @@
 ``preflight -> take_off -> centre -> seed -> plan -> (fly -> tune -> capture) x rounds -> land ->
 train -> done``. An abort or a fault at any moment before landing leads to ``land`` and then to
 ``ended``; after landing it leads to ``ended`` at once. Pausing keeps the phase.
+
+When every drone has left the air before the last picture, the mission is ``grounded``: it waits,
+paused, for fresh batteries and the operator. Resumed, it goes through ``preflight``, ``take_off``
+and ``centre`` again and then on to the round it was in (or to ``seed``, when nothing was planned).
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ class Phase(StrEnum):
     FLY = "fly"
     TUNE = "tune"
     CAPTURE = "capture"
+    GROUNDED = "grounded"
     LAND = "land"
     TRAIN = "train"
     DONE = "done"
@@ -54,6 +59,7 @@ class Progress:
         round_index: Round being flown, from 0.
         rounds: Rounds planned, at least one.
         paused: True while it waits for the operator.
+        planned: True once the viewpoints are known.
         ending: Why it is on its way out before its time, None when it is not.
     """
 
@@ -61,6 +67,7 @@ class Progress:
     round_index: int
     rounds: int
     paused: bool = False
+    planned: bool = False
     ending: str | None = None
 
     @classmethod
@@ -95,6 +102,10 @@ class Progress:
             if self.round_index + 1 < self.rounds:
                 return replace(self, phase=Phase.FLY, round_index=self.round_index + 1)
             return replace(self, phase=Phase.LAND)
+        if self.phase is Phase.CENTRE and self.planned:
+            return replace(self, phase=Phase.FLY)
+        if self.phase is Phase.PLAN:
+            return replace(self, phase=Phase.FLY, planned=True)
         for course in (_ONCE_BEFORE + _EACH_ROUND[:1], _EACH_ROUND, _ONCE_AFTER):
             if self.phase in course[:-1]:
                 return replace(self, phase=course[course.index(self.phase) + 1])
@@ -110,6 +121,27 @@ class Progress:
             raise ValueError("the mission is already over")
         phase = Phase.LAND if self.phase in AIRBORNE else Phase.ENDED
         return replace(self, phase=phase, ending=self.ending or reason, paused=False)
+
+    def with_rounds(self, rounds: int) -> Progress:
+        """Return the same place in a course of ``rounds`` rounds.
+
+        Raises:
+            ValueError: If the round being flown is not among them.
+        """
+        if rounds <= self.round_index:
+            raise ValueError(f"round {self.round_index + 1} of {rounds}")
+        return replace(self, rounds=rounds)
+
+    def ground(self) -> Progress:
+        """Return the wait for fresh batteries and the operator.
+
+        Raises:
+            ValueError: If the mission does not fly and is not about to fly again.
+        """
+        returning = self.planned and self.phase is Phase.PREFLIGHT
+        if (self.phase not in AIRBORNE and not returning) or self.phase is Phase.LAND:
+            raise ValueError(f"a mission cannot be grounded in phase {self.phase}")
+        return replace(self, phase=Phase.GROUNDED, paused=True)
 
     def pause(self) -> Progress:
         """Return the same place, paused.
@@ -129,7 +161,8 @@ class Progress:
         """
         if not self.paused:
             raise ValueError("the mission is not paused")
-        return replace(self, paused=False)
+        phase = Phase.PREFLIGHT if self.phase is Phase.GROUNDED else self.phase
+        return replace(self, phase=phase, paused=False)
 
     def fraction(self) -> float:
         """Return how much of the course lies behind, 0 to 1, counted in phases."""
@@ -137,7 +170,11 @@ class Progress:
         total = before + each * self.rounds + after - 1
         if self.over:
             return 1.0
-        if self.phase in _ONCE_BEFORE:
+        if self.planned and self.phase in (Phase.GROUNDED, *_ONCE_BEFORE):
+            done = before + each * self.round_index
+        elif self.phase is Phase.GROUNDED:
+            done = 0
+        elif self.phase in _ONCE_BEFORE:
             done = _ONCE_BEFORE.index(self.phase)
         elif self.phase in _EACH_ROUND:
             done = before + each * self.round_index + _EACH_ROUND.index(self.phase)

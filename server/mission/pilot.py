@@ -9,7 +9,7 @@ avoidance and the safety limits. When this loop stops, setpoints expire and the 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,35 +17,23 @@ from numpy.typing import NDArray
 from server.geometry.axes import wrap_angle
 from server.geometry.boxes import Box3
 from server.mission.config import FlightConfig
-from server.mission.events import DroneReported, EventStream, Noted, PoseEstimated
-from server.mission.eyes import Eye, Sight
+from server.mission.events import DroneReported, EventStream, PoseEstimated
+from server.mission.eyes import Eye
+from server.mission.wing import Centre, Fly, Trim, Wing, turned
 from server.planner.avoidance import Agent, Obstacle, agent_from_pose, avoid
 from server.planner.errors import PlanError
 from server.planner.ring import facing
 from server.planner.route import route_velocity
-from server.planner.tracking import (
-    BoxTracker,
-    WantedView,
-    box_errors,
-    expected_box,
-    fly_to,
-    wanted_view,
-    yaw_rate_to,
-)
+from server.planner.tracking import box_errors, expected_box, fly_to, wanted_view, yaw_rate_to
 from server.stages import Box, CameraPose, SeedGeometry, Setpoint, Viewpoint
-from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
-from server.swarm.safety import judge_pose, limit_setpoint
+from server.swarm.safety import flight_readings, limit_setpoint
 from server.vision.expectation import expected_region
-from server.vision.localization import PoseFilter, TargetEstimate, TargetEstimator
+from server.vision.localization import TargetEstimate, TargetEstimator
 
 Array = NDArray[np.float64]
 
 _POSE_EVENT_S = 0.1
-# A box older than this says nothing about where the drone is now.
-_STALE_S = 0.6
-# Boxes of less confidence are shown but correct no pose.
-_SURE_ENOUGH = 0.4
 # While the object is cut off by the picture's edge, step back this fast, metres per second.
 _STEP_BACK_M_S = 0.35
 _FULL_FRAME = 0.85
@@ -57,79 +45,6 @@ _TRIM_RATIO = 1.5
 _AZIMUTH_RAD = 0.3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Centre:
-    azimuth_rad: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fly:
-    viewpoint: Viewpoint
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Trim:
-    viewpoint: Viewpoint
-    wanted: WantedView
-
-
-class _Wing:
-    """One drone with what is believed and wanted of it."""
-
-    def __init__(self, drone: Drone, eye: Eye, start: Viewpoint, config: FlightConfig) -> None:
-        self.drone = drone
-        self.eye = eye
-        self.start = start
-        self.tilt_rad = float(np.deg2rad(drone.config.tilt_deg))
-        self.goal: _Centre | _Fly | _Trim | None = None
-        self.radius_m = float(np.hypot(*start.position_world[:2]))
-        self.tracker = BoxTracker(config.planner.tracking)
-        self.flown = False
-        self._config = config
-        self._sequence = -1
-        self._told_s = 0.0
-        self.place_at_start()
-
-    def place_at_start(self) -> None:
-        """Believe the drone to stand at its nominal start place."""
-        self.filter = PoseFilter(
-            self.drone.config.id,
-            self.start.position_world,
-            self.start.yaw_rad,
-            self._config.vision.localization,
-            self.drone.config.intrinsics,
-            self.tilt_rad,
-        )
-
-    def fresh_sight(self, now_s: float) -> Sight | None:
-        """Return the newest sight unless it is stale."""
-        sight = self.eye.sight
-        if sight is None or now_s - sight.frame.captured_s > _STALE_S:
-            return None
-        return sight
-
-    def fresh_box(self, now_s: float) -> Box | None:
-        """Return the box of the newest sight unless that is stale."""
-        sight = self.fresh_sight(now_s)
-        return None if sight is None else sight.box
-
-    def observe(self, target: TargetEstimator) -> None:
-        """Take new telemetry and a new box, and share what they tell about the object."""
-        if self.drone.telemetry is not None:
-            self.filter.observe_telemetry(self.drone.telemetry)
-        sight = self.eye.sight
-        if sight is None or sight.frame.sequence <= self._sequence:
-            return
-        self._sequence = sight.frame.sequence
-        # Near the floor the object fills the picture or hides behind its edge.
-        usable = sight.box is not None and sight.box.confidence > _SURE_ENOUGH
-        if usable and self.drone.activity in ("flying", "holding"):
-            others = target.estimate(excluding=self.drone.config.id)
-            assert sight.box is not None
-            self.filter.observe_box(sight.box, sight.frame.captured_s, others)
-            target.observe(self.drone.config.id, self.filter.target_belief())
-
-
 class Pilot:
     """Flies the fleet towards goals.
 
@@ -139,7 +54,7 @@ class Pilot:
     """
 
     def __init__(
-        self, fleet: Fleet, eyes: dict[str, Eye], config: FlightConfig, events: EventStream
+        self, fleet: Fleet, eyes: Mapping[str, Eye], config: FlightConfig, events: EventStream
     ) -> None:
         self.paused = False
         self.seed: SeedGeometry | None = None
@@ -147,12 +62,11 @@ class Pilot:
         self._events = events
         self._target = TargetEstimator(config.vision.localization)
         self._dt_s = 1.0 / config.mission.control_rate_hz
-        self._wings: dict[str, _Wing] = {}
+        self._wings: dict[str, Wing] = {}
         for drone_id, drone in fleet.drones.items():
             azimuth_rad = float(np.deg2rad(drone.config.azimuth_deg))
             start = facing(np.zeros(3), azimuth_rad, fleet.config.start_radius_m, 0.0)
-            self._wings[drone_id] = _Wing(drone, eyes[drone_id], start, config)
-        self._judged: dict[str, str] = {}
+            self._wings[drone_id] = Wing(drone, eyes[drone_id], start, config)
 
     # -- goals --------------------------------------------------------------------------------
 
@@ -170,11 +84,11 @@ class Pilot:
 
     def centre(self, drone_id: str, azimuth_rad: float) -> None:
         """Want the object whole and centred, seen from ``azimuth_rad``."""
-        self._wings[drone_id].goal = _Centre(azimuth_rad)
+        self._wings[drone_id].goal = Centre(azimuth_rad)
 
     def fly(self, drone_id: str, viewpoint: Viewpoint) -> None:
         """Want the drone at ``viewpoint``."""
-        self._wings[drone_id].goal = _Fly(viewpoint)
+        self._wings[drone_id].goal = Fly(viewpoint)
 
     def trim(self, drone_id: str, viewpoint: Viewpoint) -> None:
         """Want the object to appear as from ``viewpoint``; needs the seed geometry."""
@@ -182,13 +96,12 @@ class Pilot:
         wing = self._wings[drone_id]
         camera = wing.drone.config.intrinsics
         wing.tracker.reset()
-        wing.goal = _Trim(viewpoint, wanted_view(self.seed, viewpoint, camera, wing.tilt_rad))
+        wing.goal = Trim(viewpoint, wanted_view(self.seed, viewpoint, camera, wing.tilt_rad))
 
     def release(self, drones: list[str]) -> None:
         """Want nothing any more."""
         for drone_id in drones:
             self._wings[drone_id].goal = None
-        self.paused = False
 
     # -- what is believed ---------------------------------------------------------------------
 
@@ -201,7 +114,7 @@ class Pilot:
     def arrived(self, drone_id: str) -> bool:
         """Return whether the drone believes to be at its viewpoint."""
         goal = self._wings[drone_id].goal
-        if not isinstance(goal, _Fly):
+        if not isinstance(goal, Fly):
             return False
         pose, config = self.pose(drone_id), self._config.mission
         offset_m = float(np.linalg.norm(goal.viewpoint.position_world - pose.position_world))
@@ -215,14 +128,14 @@ class Pilot:
         box = wing.fresh_box(now_s)
         if box is None:
             return False
-        if isinstance(wing.goal, _Trim):
+        if isinstance(wing.goal, Trim):
             errors = box_errors(box, self.pose(drone_id), wing.goal.wanted, 1.0)
             moves = np.array([errors.left_m, errors.up_m])
             config = self._config.mission
             return bool(np.abs(moves).max() < config.arrive_m) and (
                 abs(errors.yaw_rad) < config.arrive_rad
             )
-        if isinstance(wing.goal, _Centre):
+        if isinstance(wing.goal, Centre):
             camera = wing.drone.config.intrinsics
             off_px = np.abs(box.centroid_px - np.array([camera.cx, camera.cy])).max()
             seen_from = self.pose(drone_id).position_world - self._target.estimate().centre
@@ -273,7 +186,7 @@ class Pilot:
         for wing in self._wings.values():
             wing.observe(self._target)
         target = self._target.estimate()
-        flying: list[tuple[_Wing, CameraPose, float]] = []
+        flying: list[tuple[Wing, CameraPose, float]] = []
         agents: list[Agent] = []
         for wing in self._wings.values():
             pose = wing.filter.pose(now_s)
@@ -282,10 +195,11 @@ class Pilot:
             if not wing.drone.airborne:
                 continue
             wish = np.zeros(3), 0.0
-            if not self.paused and not wing.drone.held:
+            # A drone that a failsafe makes hover wants nothing, but still evades the others.
+            if not self.paused and wing.drone.activity == "flying":
                 wish = self._wish(wing, pose, target, now_s)
             flying.append((wing, pose, wish[1]))
-            agents.append(agent_from_pose(pose, _velocity_world(wing, pose), wish[0]))
+            agents.append(agent_from_pose(pose, wing.velocity_world(pose), wish[0]))
         if not flying:
             return
         planner = self._config.planner
@@ -299,23 +213,25 @@ class Pilot:
         )
         poses = [pose for _, pose, _ in flying]
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
-            setpoint = Setpoint(_turned(velocity, -pose.yaw_rad), yaw_rate)
+            setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
             setpoint = limit_setpoint(setpoint, pose, obstacle, self._config.safety)
-            self._judge(wing, pose, [other for other in poses if other is not pose])
+            others = [other for other in poses if other is not pose]
+            readings = flight_readings(pose, others, obstacle, self._config.safety)
+            wing.drone.observe_flight(readings, now_s)
             wing.drone.set_setpoint(setpoint, now_s)
 
     def _wish(
-        self, wing: _Wing, pose: CameraPose, target: TargetEstimate, now_s: float
+        self, wing: Wing, pose: CameraPose, target: TargetEstimate, now_s: float
     ) -> tuple[Array, float]:
         """Return the velocity ``(3,)``, world m/s, and yaw rate the goal asks for."""
         tracking = self._config.planner.tracking
         match wing.goal:
-            case _Centre(azimuth_rad):
+            case Centre(azimuth_rad):
                 viewpoint = self._centring_viewpoint(wing, azimuth_rad, target, now_s)
                 return self._towards(pose, viewpoint, target)
-            case _Fly(viewpoint):
+            case Fly(viewpoint):
                 return self._towards(pose, viewpoint, target)
-            case _Trim(viewpoint, wanted):
+            case Trim(viewpoint, wanted):
                 offset = viewpoint.position_world - pose.position_world
                 if np.linalg.norm(offset) > _TRIM_REACH_M:
                     return self._towards(pose, viewpoint, target)
@@ -323,14 +239,14 @@ class Pilot:
                 if box is not None and not self._plausible(wing, box, pose):
                     box = None
                 setpoint = wing.tracker.update(box, pose, wanted, self._dt_s)
-                return _turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
+                return turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
             case None:
                 # Keep looking at the object: it bounds the drift of the believed pose.
                 bearing = target.centre[:2] - pose.position_world[:2]
                 wanted_yaw = float(np.arctan2(bearing[1], bearing[0]))
                 return np.zeros(3), yaw_rate_to(pose.yaw_rad, wanted_yaw, tracking)
 
-    def _plausible(self, wing: _Wing, box: Box, pose: CameraPose) -> bool:
+    def _plausible(self, wing: Wing, box: Box, pose: CameraPose) -> bool:
         """Return whether a box looks like the seed geometry from where the drone believes to be.
 
         Trimming on something else, or on a part of the object, would fly into the object.
@@ -367,7 +283,7 @@ class Pilot:
         return velocity, yaw_rate
 
     def _centring_viewpoint(
-        self, wing: _Wing, azimuth_rad: float, target: TargetEstimate, now_s: float
+        self, wing: Wing, azimuth_rad: float, target: TargetEstimate, now_s: float
     ) -> Viewpoint:
         """Return where to see the object whole from: further out while it is cut off."""
         space = self._config.planner.space
@@ -391,20 +307,6 @@ class Pilot:
         half[2] = max(0.25, target.height_m / 2.0)
         return Box3(target.centre - half, target.centre + half)
 
-    def _judge(self, wing: _Wing, pose: CameraPose, others: list[CameraPose]) -> None:
-        """Hold a drone that the safety rules want held; say so once."""
-        if wing.drone.activity != "flying":
-            return
-        verdict = judge_pose(pose, others, self._config.safety)
-        drone_id = wing.drone.config.id
-        if verdict.action == "hold" and not wing.drone.held:
-            wing.drone.hold()
-        elif verdict.action == "land":
-            wing.drone.land_now()
-        if verdict.action != "none" and self._judged.get(drone_id) != verdict.reason:
-            self._judged[drone_id] = verdict.reason
-            self._events.publish(Noted("warning", f"{verdict.action}: {verdict.reason}", drone_id))
-
     def _tell_poses(self, now_s: float) -> None:
         for wing in self._wings.values():
             self._events.publish(
@@ -412,18 +314,3 @@ class Pilot:
                     wing.filter.pose(now_s), wing.drone.config.intrinsics, wing.drone.config.colour
                 )
             )
-
-
-def _turned(velocity: Array, angle_rad: float) -> Array:
-    """Return ``velocity`` ``(3,)`` turned about +Z."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array(
-        [c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1], velocity[2]]
-    )
-
-
-def _velocity_world(wing: _Wing, pose: CameraPose) -> Array:
-    telemetry = wing.drone.telemetry
-    if telemetry is None:
-        return np.zeros(3)
-    return _turned(telemetry.velocity_m_s, pose.yaw_rad)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from server.jobs.plan import PlanInput, PlanResult
-from server.jobs.runner import Job, JobFailedError, LocalRunner
+from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
@@ -31,7 +31,7 @@ class Planning:
         self,
         request: CaptureRequest,
         folder: Path,
-        runner: LocalRunner,
+        runner: JobRunner,
         events: EventStream,
         config: FlightConfig,
     ) -> None:

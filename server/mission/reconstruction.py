@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from server.geometry.cameras import Intrinsics
-from server.jobs.runner import Job, JobFailedError, LocalRunner
+from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.events import (
@@ -38,7 +38,7 @@ class Reconstruction:
     """The reconstruction of one run."""
 
     def __init__(
-        self, request: CaptureRequest, run: RunFolder, runner: LocalRunner, events: EventStream
+        self, request: CaptureRequest, run: RunFolder, runner: JobRunner, events: EventStream
     ) -> None:
         self._request = request
         self._run = run

@@ -1,16 +1,8 @@
-"""Safety rules: values in, action out. No I/O, no clock, no state.
+"""Safety rules: values in, verdicts and limited setpoints out. No I/O, no clock, no state.
 
-| rule | threshold (``SafetyConfig``) | action |
-|---|---|---|
-| state age | older than ``state_hold_s`` | hold |
-| state age | older than ``state_land_s`` | land |
-| battery | at or below ``battery_land_pct`` | land |
-| temperature | at or above ``temperature_land_c`` | land |
-| fence | outside ``fence_radius_m`` or ``ceiling_m`` by more than ``fence_slack_m`` | hold |
-| separation | another drone nearer than ``separation_m`` | hold |
-| take-off | battery below ``battery_take_off_pct``, temperature at or above \
-``temperature_take_off_c``, no fresh state | refused |
-| setpoint | fence, floor, ceiling, standoff, speed | limited |
+Three questions: may this drone take off (``take_off_refusals``), what do its pilot's beliefs say to
+the failsafe table (``flight_readings``; the table itself is ``server.swarm.failsafes``), and how
+fast may it go where it wants to go (``limit_setpoint``).
 
 Symbols: positions and velocities are ``(3,)`` world metres unless the name says body (FLU).
 """
@@ -20,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +19,9 @@ from numpy.typing import NDArray
 from server.geometry.boxes import Box3
 from server.stages import CameraPose, Setpoint, Telemetry
 from server.swarm.config import SafetyConfig
+from server.swarm.failsafes import Action, Fired, FlightReadings
 
 Array = NDArray[np.float64]
-Action = Literal["none", "hold", "land"]
-
-_RANK: dict[Action, int] = {"none": 0, "hold": 1, "land": 2}
 
 # Inside the standoff or outside the fence a drone is driven back, but never faster than this.
 _RETREAT_M_S = 0.25
@@ -42,10 +31,10 @@ _ABSURD_M_S = 1e3
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the rules demand.
+    """What the failsafe table demands.
 
     Attributes:
-        action: ``none``, ``hold`` or ``land``.
+        action: The strongest action that fires, ``none`` when nothing does.
         reason: For people; empty when there is nothing to do.
     """
 
@@ -56,89 +45,72 @@ class Verdict:
 FINE = Verdict("none", "")
 
 
-def worst(verdicts: Iterable[Verdict]) -> Verdict:
-    """Return the verdict with the strongest action; the first of equals."""
-    return max(verdicts, key=lambda verdict: _RANK[verdict.action], default=FINE)
+def verdict_of(fired: tuple[Fired, ...]) -> Verdict:
+    """Return the verdict of the rows that fire, strongest first."""
+    return Verdict(fired[0].failsafe.action, fired[0].text) if fired else FINE
 
 
-def judge_state_age(age_s: float | None, config: SafetyConfig) -> Verdict:
-    """Judge the age of the newest state report; None means that there never was one."""
-    if age_s is None or age_s > config.state_land_s:
-        shown = "no state report" if age_s is None else f"no state report for {age_s:.1f} s"
-        return Verdict("land", shown)
-    if age_s > config.state_hold_s:
-        return Verdict("hold", f"no state report for {age_s:.1f} s")
-    return FINE
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a drone must not take off.
+
+    Attributes:
+        name: ``state``, ``battery`` or ``temperature``.
+        text: For people.
+        final: True when no operator may override it.
+    """
+
+    name: str
+    text: str
+    final: bool
 
 
-def judge_battery(battery_pct: int, config: SafetyConfig) -> Verdict:
-    """Judge the charge of a flying drone."""
-    if battery_pct <= config.battery_land_pct:
-        return Verdict("land", f"battery at {battery_pct} %")
-    return FINE
-
-
-def judge_temperature(temperature_c: float, config: SafetyConfig) -> Verdict:
-    """Judge the board temperature of a flying drone."""
-    if temperature_c >= config.temperature_land_c:
-        return Verdict("land", f"{temperature_c:.0f} degrees Celsius")
-    return FINE
-
-
-def judge_fence(position: Array, config: SafetyConfig) -> Verdict:
-    """Judge a position against the fence and the ceiling, with their slack."""
-    radius = math.hypot(position[0], position[1])
-    if radius > config.fence_radius_m + config.fence_slack_m:
-        return Verdict("hold", f"{radius:.1f} m from the centre, outside the fence")
-    if position[2] > config.ceiling_m + config.fence_slack_m:
-        return Verdict("hold", f"{position[2]:.1f} m high, above the ceiling")
-    return FINE
-
-
-def judge_separation(position: Array, others: Iterable[Array], config: SafetyConfig) -> Verdict:
-    """Judge the distance to the other flying drones."""
-    nearest = min((float(np.linalg.norm(position - other)) for other in others), default=math.inf)
-    if nearest < config.separation_m:
-        return Verdict("hold", f"another drone {nearest:.2f} m away")
-    return FINE
-
-
-def judge_telemetry(telemetry: Telemetry | None, now_s: float, config: SafetyConfig) -> Verdict:
-    """Judge all that a flying drone's state report alone can tell."""
+def take_off_refusals(
+    telemetry: Telemetry | None, now_s: float, config: SafetyConfig
+) -> tuple[Refusal, ...]:
+    """Return why a drone must not take off; empty when it may."""
     if telemetry is None:
-        return judge_state_age(None, config)
-    return worst(
-        (
-            judge_state_age(now_s - telemetry.received_s, config),
-            judge_battery(telemetry.battery_pct, config),
-            judge_temperature(telemetry.temperature_c, config),
-        )
-    )
-
-
-def judge_pose(pose: CameraPose, others: Iterable[CameraPose], config: SafetyConfig) -> Verdict:
-    """Judge a flying drone's believed pose against the fence and the other flying drones."""
-    position = pose.position_world
-    return worst(
-        (
-            judge_fence(position, config),
-            judge_separation(position, (other.position_world for other in others), config),
-        )
-    )
-
-
-def refuse_take_off(telemetry: Telemetry | None, now_s: float, config: SafetyConfig) -> str | None:
-    """Return why a drone must not take off, or None when it may."""
-    if telemetry is None:
-        return "no state report yet"
+        return (Refusal("state", "no state report yet", final=True),)
+    refusals: list[Refusal] = []
     age_s = now_s - telemetry.received_s
-    if age_s > config.state_hold_s:
-        return f"no state report for {age_s:.1f} s"
-    if telemetry.battery_pct < config.battery_take_off_pct:
-        return f"battery at {telemetry.battery_pct} %, needs {config.battery_take_off_pct} %"
+    if age_s > config.state_fresh_s:
+        refusals.append(Refusal("state", f"no state report for {age_s:.1f} s", final=True))
+    charge, wanted = telemetry.battery_pct, config.battery_take_off_pct
+    if charge < wanted:
+        # Below the failsafe it would land again at once: there is nothing to override.
+        final = charge <= max(config.failsafes.battery_pct.values())
+        refusals.append(Refusal("battery", f"battery at {charge} %, needs {wanted} %", final))
     if telemetry.temperature_c >= config.temperature_take_off_c:
-        return f"too hot: {telemetry.temperature_c:.0f} degrees Celsius"
-    return None
+        text = f"too hot: {telemetry.temperature_c:.0f} degrees Celsius"
+        limit = min(config.failsafes.temperature_c.values(), default=math.inf)
+        refusals.append(Refusal("temperature", text, telemetry.temperature_c >= limit))
+    return tuple(refusals)
+
+
+def flight_readings(
+    pose: CameraPose, others: Iterable[CameraPose], target: Box3 | None, config: SafetyConfig
+) -> FlightReadings:
+    """Return what a believed pose means for the failsafe table.
+
+    Args:
+        pose: The drone's believed pose.
+        others: Those of the other flying drones.
+        target: The object's box, world, or None before it is known.
+        config: Fence and ceiling.
+    """
+    position = pose.position_world
+    apart = (float(np.linalg.norm(position - other.position_world)) for other in others)
+    standoff = None
+    if target is not None:
+        outside = position - np.clip(position, target.lower, target.upper)
+        standoff = float(np.linalg.norm(outside))
+    return FlightReadings(
+        fence_m=math.hypot(position[0], position[1]) - config.fence_radius_m,
+        ceiling_m=float(position[2]) - config.ceiling_m,
+        standoff_m=standoff,
+        separation_m=min(apart, default=None),
+        pose_sigma_m=pose.position_sigma_m,
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

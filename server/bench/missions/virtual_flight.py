@@ -1,0 +1,287 @@
+"""One mission in deterministic simulation: one process, an in-memory network, a virtual clock.
+
+Driver, safety, pilot and mission are those that fly real drones; sockets, time and the stage
+Frame -> Box are replaced. The same case flies the same way every time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import time
+from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from server.bench.missions.cases import CONSOLE_FAULTS, Case
+from server.bench.missions.inline_jobs import InlineRunner
+from server.bench.missions.judge import Body, Judge
+from server.bench.missions.outcome import Outcome, Reaction
+from server.bench.missions.virtual_sight import (
+    FPS,
+    SightErrors,
+    VirtualCamera,
+    VirtualDecoder,
+    VirtualEye,
+    hull_points,
+)
+from server.mission.commands import CaptureRequest, RefusedError
+from server.mission.config import FlightConfig, MissionConfig
+from server.mission.control import Control
+from server.mission.events import CaptureChanged, EventStream
+from server.mission.phases import Phase
+from server.planner.config import PlannerConfig
+from server.sim.air import AirLink
+from server.sim.config import SimConfig, fleet_config
+from server.sim.faults import parse_fault
+from server.sim.scenes.catalogue import load_object
+from server.sim.tello import Tello
+from server.sim.virtual_time import in_virtual_time
+from server.store.runs import RunFolder
+from server.swarm.config import SafetyConfig
+from server.swarm.drone import Drone
+from server.swarm.fleet import Fleet
+from server.vision.config import VisionConfig
+
+_JUDGE_S = 0.1
+_SURFACE_POINTS = 4000
+_DRONES = 4
+# An operator who has pressed HOLD looks for this long before re-arming and resuming.
+_LOOK_S = 8.0
+_LONGEST_FLIGHT_S = 900.0
+# What is in the air when the mission is over has this long to come down.
+_COME_DOWN_S = 40.0
+
+
+def fly_in_virtual_time(case: Case) -> Outcome:
+    """Fly a case; raises SceneError for a scene that does not exist."""
+    with tempfile.TemporaryDirectory(prefix="dronerf-flight-") as runs:
+        return in_virtual_time(_VirtualFlight(case, Path(runs)).fly())
+
+
+class _VirtualFlight:
+    """One case under way."""
+
+    def __init__(self, case: Case, runs: Path) -> None:
+        self._case = case
+        self._runs = runs
+        self._rng = np.random.default_rng([case.seed, 7])
+        model = load_object(case.scene)
+        faults = (parse_fault(f"loss={case.loss}"),) if case.loss > 0 else ()
+        sim = SimConfig(scene=case.scene, drones=_DRONES, seed=case.seed, faults=faults)
+        self._fleet_config = fleet_config(sim)
+        self._tellos = {sim.drone_id(i): Tello(sim, i) for i in range(_DRONES)}
+        self._cameras = {d: VirtualCamera(tello) for d, tello in self._tellos.items()}
+        self._points = hull_points(np.asarray(model.vertices))
+        self._safety = SafetyConfig()
+        surface = np.asarray(model.trimesh.sample(_SURFACE_POINTS, seed=case.seed))
+        self._judge = Judge(surface, self._safety)
+        self._runner = InlineRunner()
+        self._onset_s: float | None = None
+        self._onset = ""
+        self._took_off_s: float | None = None
+        self._down_s = 0.0
+
+    async def fly(self) -> Outcome:
+        """Fly it."""
+        loop, begun_s = asyncio.get_running_loop(), time.perf_counter()
+        links = {
+            d: AirLink(tello, camera=self._cameras[d].shoot, fps=FPS)
+            for d, tello in self._tellos.items()
+        }
+        async with AsyncExitStack() as stack:
+            fleet = Fleet(
+                self._fleet_config,
+                self._safety,
+                links=dict(links),
+                clock=loop.time,
+                decoder=VirtualDecoder,
+            )
+            await stack.enter_async_context(fleet)
+            control = Control(
+                fleet,
+                self._runs,
+                _config(self._safety),
+                EventStream(),
+                make_eye=self._eye,
+                runner=self._runner,
+            )
+            await stack.enter_async_context(control)
+            watch = asyncio.create_task(self._watch())
+            trouble = asyncio.create_task(self._make_trouble(control, fleet))
+            request = CaptureRequest(
+                pictures=self._case.pictures, train_seconds=0.0, seed=self._case.seed
+            )
+            record = await control.start_capture(request)
+            try:
+                async with asyncio.timeout(_LONGEST_FLIGHT_S):
+                    record = await control.wait_for_capture(record.status.id)
+            except TimeoutError:
+                record = control.capture(record.status.id)
+            trouble.cancel()
+            await self._come_down(fleet)
+            unsafe = self._ends_unsafely(fleet)
+            watch.cancel()
+            await asyncio.gather(watch, trouble, return_exceptions=True)
+            reactions = self._reactions(fleet)
+            kept = control.run_folder(record.status.id)
+        for link in links.values():
+            link.end()
+        return self._outcome(record.status, kept, unsafe, reactions, time.perf_counter() - begun_s)
+
+    def _eye(self, drone: Drone) -> VirtualEye:
+        camera = self._cameras[drone.config.id]
+        number = list(self._cameras).index(drone.config.id)
+        rng = np.random.default_rng([self._case.seed, 100 + number])
+        # What loses datagrams also loses boxes: the picture was there too late, or half.
+        errors = SightErrors(drop_outs=0.1 + self._case.loss)
+        return VirtualEye(drone, camera, self._points, errors, rng)
+
+    # -- trouble ------------------------------------------------------------------------------
+
+    async def _make_trouble(self, control: Control, fleet: Fleet) -> None:
+        """Wait for the phase and let the fault happen somewhere in it."""
+        case = self._case
+        if not case.fault:
+            return
+        if case.fault == "planner_hangs":
+            self._runner.hangs = True
+            return
+        if case.fault == "operator_gone":
+            present = asyncio.create_task(self._be_present(control))
+        else:
+            present = None
+        await self._phase_comes(control, case.phase)
+        await asyncio.sleep(float(self._rng.uniform(0.0, 2.0)))
+        victim = str(self._rng.choice(list(self._tellos)))
+        self._onset_s = asyncio.get_running_loop().time()
+        if case.fault in CONSOLE_FAULTS:
+            await self._act(control, fleet, victim, present)
+            return
+        self._onset = victim
+        self._tellos[victim].inject(parse_fault(f"{case.fault}"), self._onset_s)
+
+    async def _phase_comes(self, control: Control, phase: str) -> None:
+        """Wait for a phase; of the phases of each round, for that of the second round."""
+        wanted_round = 1 if phase in (Phase.FLY, Phase.TUNE, Phase.CAPTURE) else 0
+        while True:
+            status = control.captures()[0].status if control.captures() else None
+            if status is not None and status.phase == phase and status.round_index >= wanted_round:
+                return
+            await asyncio.sleep(0.05)
+
+    @staticmethod
+    async def _be_present(control: Control) -> None:
+        while True:
+            control.note_operator()
+            await asyncio.sleep(2.0)
+
+    async def _act(
+        self, control: Control, fleet: Fleet, victim: str, present: asyncio.Task[None] | None
+    ) -> None:
+        match self._case.fault:
+            case "hold_all" | "hold_one":
+                held = None if self._case.fault == "hold_all" else victim
+                fleet.hold(held)
+                await asyncio.sleep(_LOOK_S)
+                for drone in fleet.drones.values():
+                    drone.rearm()
+                try:
+                    await control.resume_capture(control.captures()[0].status.id)
+                except RefusedError:
+                    return  # It had nothing to pause.
+            case "land_all":
+                fleet.land()
+            case "land_one":
+                fleet.land(victim)
+            case "cut_one":
+                fleet.cut_motors(victim)
+            case "operator_gone":
+                assert present is not None
+                present.cancel()
+
+    # -- truth --------------------------------------------------------------------------------
+
+    async def _watch(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            bodies = {d: _body(tello) for d, tello in self._tellos.items()}
+            self._judge.observe(bodies)
+            if any(body.flying for body in bodies.values()):
+                self._took_off_s = self._took_off_s or loop.time()
+                self._down_s = loop.time()
+            await asyncio.sleep(_JUDGE_S)
+
+    async def _come_down(self, fleet: Fleet) -> None:
+        """Wait until everything stands or hovers under HOLD."""
+        for _ in range(int(_COME_DOWN_S / _JUDGE_S)):
+            if not self._ends_unsafely(fleet):
+                return
+            await asyncio.sleep(_JUDGE_S)
+
+    def _ends_unsafely(self, fleet: Fleet) -> bool:
+        return any(
+            tello.airframe.phase != "standing" and not fleet.drones[d].held
+            for d, tello in self._tellos.items()
+        )
+
+    def _reactions(self, fleet: Fleet) -> list[Reaction]:
+        onset_s = self._onset_s
+        if onset_s is None:
+            return []
+        return [
+            Reaction(
+                round(1000.0 * (note.at_s - onset_s), 1),
+                note.drone_id,
+                note.fired.failsafe.event,
+                note.fired.failsafe.action,
+            )
+            for note in fleet.fired
+            if note.at_s >= onset_s
+        ]
+
+    def _outcome(
+        self,
+        status: CaptureChanged,
+        kept: Path,
+        unsafe: bool,
+        reactions: list[Reaction],
+        wall_s: float,
+    ) -> Outcome:
+        state = RunFolder(kept).state() or {}
+        judgement = self._judge.judgement
+        return Outcome(
+            name=self._case.name,
+            scene=self._case.scene,
+            fault=self._case.fault,
+            phase=self._case.phase,
+            loss=self._case.loss,
+            real_udp=False,
+            state=status.state,
+            error=status.error,
+            images=status.images,
+            seconds=state.get("seconds", {}),
+            flight_s=round(self._down_s - (self._took_off_s or self._down_s), 2),
+            wall_s=round(wall_s, 2),
+            collisions=judgement.collisions,
+            min_separation_m=round(judgement.min_separation_m, 3),
+            min_standoff_m=round(judgement.min_standoff_m, 3),
+            fence_violations=judgement.fence_violations,
+            worst_excess_m=round(judgement.worst_excess_m, 3),
+            unsafe_end=unsafe,
+            onset=self._onset,
+            reactions=reactions,
+            dropped=state.get("dropped", {}),
+        )
+
+
+def _config(safety: SafetyConfig) -> FlightConfig:
+    # Nobody will bring batteries: a grounded capture ends soon.
+    mission = replace(MissionConfig(), grounded_timeout_s=20.0)
+    return FlightConfig(mission, PlannerConfig(), VisionConfig(), safety)
+
+
+def _body(tello: Tello) -> Body:
+    return Body(np.asarray(tello.airframe.position), tello.airframe.phase != "standing")

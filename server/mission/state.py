@@ -1,0 +1,37 @@
+"""What a mission knows as it goes; owned by the event loop, changed by course and steps alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from server.geometry.boxes import Box3
+from server.mission.phases import Progress
+from server.stages import Assignment, SeedGeometry, View
+
+
+@dataclass(slots=True)
+class MissionState:
+    """The mission's knowledge.
+
+    Attributes:
+        drones: All drones of the capture.
+        crew: Those that fly it now; a drone that leaves the air leaves the crew.
+        progress: Place in the course.
+        seed: The seed geometry once known.
+        views: Pictures that the seed geometry is made from.
+        assignment: Who goes where; rows before the present round are history.
+        missed_once: True once the viewpoints without a clean picture have had their second chance.
+    """
+
+    drones: tuple[str, ...]
+    crew: list[str]
+    progress: Progress
+    seed: SeedGeometry | None = None
+    views: list[View] = field(default_factory=list)
+    assignment: Assignment = field(default_factory=lambda: Assignment(()))
+    missed_once: bool = False
+
+    @property
+    def object_box(self) -> Box3 | None:
+        """The object's outer box, world, once known."""
+        return None if self.seed is None else self.seed.outer

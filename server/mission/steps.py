@@ -1,0 +1,360 @@
+"""The work of each phase: where the drones shall be, and when that is done.
+
+A step ends when its work is done or its time is up; it raises ``StepFailedError`` when the mission
+cannot go on. ``Pilot`` gets the drones there; stops never pass through here. The crew may shrink at
+any moment: a step asks for it anew each time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from server.jobs.runner import JobFailedError
+from server.mission.capture import Photographer
+from server.mission.checklist import check_disk, check_drone, overridden, problems
+from server.mission.commands import CaptureRequest
+from server.mission.config import FlightConfig
+from server.mission.events import EventStream, Noted, SeedFitted
+from server.mission.eyes import Eye
+from server.mission.phases import Phase
+from server.mission.pilot import Pilot
+from server.mission.planning import Planning
+from server.mission.reconstruction import Reconstruction
+from server.mission.record import CaptureRecorder
+from server.mission.state import MissionState
+from server.mission.takeover import orphans, share_out
+from server.planner.errors import PlanError
+from server.stages import View, Viewpoint
+from server.store.runs import RunFolder
+from server.swarm.fleet import Fleet
+from server.vision.seed import SeedError, seed_from_views
+
+_POLL_S = 0.05
+_QUARTER_TURN = np.pi / 2.0
+# Drones that hover for a failsafe stop the mission's clock, but not for ever.
+_WAIT_FOR_HOLDING_S = 60.0
+
+
+class StepFailedError(Exception):
+    """A phase cannot be completed; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepTools:
+    """What the steps work with.
+
+    Attributes:
+        fleet: The drones.
+        eyes: One eye per drone.
+        pilot: Gets drones to goals.
+        events: Where news goes.
+        config: Numbers of everything that flies.
+        photographer: Takes the pictures.
+        planning: Decides where.
+        reconstruction: Turns them into a field.
+        recorder: The capture's record.
+        run: Where everything is kept.
+    """
+
+    fleet: Fleet
+    eyes: Mapping[str, Eye]
+    pilot: Pilot
+    events: EventStream
+    config: FlightConfig
+    photographer: Photographer
+    planning: Planning
+    reconstruction: Reconstruction
+    recorder: CaptureRecorder
+    run: RunFolder
+
+
+class Steps:
+    """The work of every phase of one mission."""
+
+    def __init__(self, request: CaptureRequest, state: MissionState, tools: StepTools) -> None:
+        self._request = request
+        self._state = state
+        self._tools = tools
+        self._config = tools.config.mission
+
+    def work(self, phase: Phase) -> Coroutine[Any, Any, None]:
+        """Return the work of ``phase``, to be awaited."""
+        return {
+            Phase.PREFLIGHT: self._preflight,
+            Phase.TAKE_OFF: self._take_off,
+            Phase.CENTRE: self._centre,
+            Phase.SEED: self._look_around,
+            Phase.PLAN: self._plan,
+            Phase.FLY: self._fly,
+            Phase.TUNE: self._tune,
+            Phase.CAPTURE: self._capture,
+            Phase.GROUNDED: self._wait_on_the_ground,
+            Phase.LAND: self._land,
+            Phase.TRAIN: self._train,
+        }[phase]()
+
+    # -- on the ground ------------------------------------------------------------------------
+
+    async def _preflight(self) -> None:
+        """Wait until the checklist is clear; a resumed capture flies with whoever is ready."""
+        for drone_id in self._state.drones:
+            self._tools.fleet.drones[drone_id].set_video(True)
+        clear = await self._until(lambda: not self._problems(), self._config.connect_timeout_s)
+        found = self._problems()
+        blocked = {check.drone_id for check in found}
+        ready = [d for d in self._state.drones if d not in blocked]
+        resumed = self._state.progress.planned
+        if not clear and (not resumed or None in blocked or not ready):
+            told = "; ".join(f"{check.key}: {check.found}. {check.remedy}" for check in found)
+            raise StepFailedError(f"preflight: {told}")
+        for check in found:
+            self._note("warning", f"It stays on the ground: {check.found}.", check.drone_id)
+        for key, reason in overridden(self._checks(), self._request.overrides).items():
+            self._tools.recorder.overrides[key] = reason
+            self._note("warning", f"Checklist item {key} overridden: {reason}")
+        self._state.crew[:] = ready
+
+    def _checks(self) -> list[Any]:
+        now_s = asyncio.get_running_loop().time()
+        drones = (self._tools.fleet.drones[d] for d in self._state.drones)
+        checks = [c for d in drones for c in check_drone(d, now_s, self._tools.config.safety)]
+        return [*checks, check_disk(Path(self._tools.run.path))]
+
+    def _problems(self) -> list[Any]:
+        return problems(self._checks(), self._request.overrides)
+
+    async def _take_off(self) -> None:
+        crew = list(self._state.crew)
+        for drone_id in crew:
+            self._tools.pilot.place_at_start(drone_id)
+        overriding = frozenset(
+            name for key in self._tools.recorder.overrides for name in (key.rpartition(".")[2],)
+        )
+        results = await asyncio.gather(
+            *(self._tools.fleet.drones[d].take_off(overriding) for d in crew),
+            return_exceptions=True,
+        )
+        failures = {
+            drone_id: str(result)
+            for drone_id, result in zip(crew, results, strict=True)
+            if isinstance(result, BaseException)
+        }
+        if len(failures) == len(crew):
+            raise StepFailedError(f"no drone took off: {'; '.join(failures.values())}")
+        for drone_id, reason in failures.items():
+            # Perhaps it climbs after all: nobody would fly it.
+            self._tools.fleet.land(drone_id)
+            self._state.crew.remove(drone_id)
+            self._tools.recorder.dropped[drone_id] = reason
+            self._note("error", f"It did not take off ({reason}); the others go on.", drone_id)
+
+    async def _wait_on_the_ground(self) -> None:
+        """Wait for the operator; whoever resumes changes the phase."""
+        deadline_s = asyncio.get_running_loop().time() + self._config.grounded_timeout_s
+        while self._state.progress.phase is Phase.GROUNDED:
+            if asyncio.get_running_loop().time() > deadline_s:
+                raise StepFailedError("all drones have landed and nobody resumed the capture")
+            await asyncio.sleep(_POLL_S)
+
+    # -- finding the object -------------------------------------------------------------------
+
+    async def _centre(self) -> None:
+        """Turn to the object and step back until it is whole in every picture."""
+        for drone_id in self._state.crew:
+            self._tools.pilot.centre(drone_id, self._tools.pilot.start_azimuth_rad(drone_id))
+        await self._until(self._all_centred, self._config.centre_timeout_s)
+        if self._state.progress.planned:
+            await self._regroup(self._state.progress.round_index, taken=set())
+
+    async def _look_around(self) -> None:
+        """Take four seed views 90 degrees apart, in turn with fewer than four drones."""
+        turns = -(-4 // len(self._state.crew))
+        for turn in range(turns):
+            for drone_id in self._state.crew:
+                start_rad = self._tools.pilot.start_azimuth_rad(drone_id)
+                self._tools.pilot.centre(drone_id, start_rad + turn * _QUARTER_TURN)
+            if turn > 0:
+                await self._until(self._all_centred, self._config.fly_timeout_s)
+            self._add_views()
+        deadline_s = asyncio.get_running_loop().time() + self._config.centre_timeout_s
+        while True:
+            try:
+                await self._fit_seed()
+            except SeedError as error:
+                if asyncio.get_running_loop().time() > deadline_s:
+                    raise StepFailedError(f"the object was not found: {error}") from error
+                # A picture more of each may show what these did not.
+                await asyncio.sleep(0.5)
+                self._add_views()
+            else:
+                return
+
+    async def _plan(self) -> None:
+        assert self._state.seed is not None
+        poses = {d: self._tools.pilot.pose(d) for d in self._state.crew}
+        camera = self._tools.fleet.drones[self._state.crew[0]].config
+        rounds = -(-self._request.pictures // len(poses))
+        try:
+            self._state.assignment = await self._tools.planning.rounds(
+                self._state.seed, poses, camera, rounds
+            )
+        except PlanError as error:
+            raise StepFailedError(f"no flight is possible: {error}") from error
+        self._state.progress = self._state.progress.with_rounds(len(self._state.assignment.rounds))
+        await self._regroup(0, taken=set())
+
+    # -- a round ------------------------------------------------------------------------------
+
+    async def _fly(self) -> None:
+        """Go to this round's viewpoints, saving key frames on the way."""
+        for drone_id, viewpoint in self._viewpoints().items():
+            self._tools.pilot.fly(drone_id, viewpoint)
+        await self._until(
+            lambda: all(self._tools.pilot.arrived(d) for d in self._viewpoints()),
+            self._config.fly_timeout_s,
+            while_waiting=self._tools.photographer.save_keyframes,
+        )
+
+    async def _tune(self) -> None:
+        """Trim by PID until the object appears where the viewpoint wants it."""
+        if self._request.mode == "standard":
+            return
+        for drone_id, viewpoint in self._viewpoints().items():
+            self._tools.pilot.trim(drone_id, viewpoint)
+        await self._until(
+            lambda: all(self._tools.pilot.centred(d) for d in self._viewpoints()),
+            self._config.tune_timeout_s,
+            while_waiting=self._tools.photographer.save_keyframes,
+        )
+
+    async def _capture(self) -> None:
+        photographer, state = self._tools.photographer, self._state
+        left = self._request.pictures - photographer.taken
+        wanted = list(self._viewpoints())[:left]
+        missed = await photographer.take_all(wanted, state.progress.round_index, state.object_box)
+        for drone_id in missed:
+            text = f"Round {state.progress.round_index + 1}: no clean picture."
+            self._note("warning", text, drone_id)
+        self._add_views()
+        training = self._request.train_seconds > 0
+        if training and photographer.taken >= min(4, self._request.pictures):
+            await self._tools.reconstruction.start()
+        taken = {drone_id for drone_id in wanted if drone_id not in missed}
+        if photographer.taken < self._request.pictures:
+            await self._regroup(state.progress.round_index + 1, taken)
+
+    async def _regroup(self, next_round: int, taken: set[str]) -> None:
+        """Share out anew the viewpoints that nobody would go to."""
+        state = self._state
+        assert state.seed is not None
+        orphaned = orphans(state.assignment, next_round, taken, state.crew)
+        last = next_round >= len(state.assignment.rounds)
+        # A viewpoint without a clean picture waits for the end, and gets one more chance there.
+        dropped_out = any(d not in state.crew for row in state.assignment.rounds for d in row)
+        if not orphaned or not state.crew or (not dropped_out and (not last or state.missed_once)):
+            return
+        state.missed_once = state.missed_once or last
+        poses = {d: self._tools.pilot.pose(d) for d in state.crew}
+        centre, space = state.seed.outer.centre, self._tools.config.planner.space
+        state.assignment, given_up = await asyncio.to_thread(
+            share_out, state.assignment, next_round, orphaned, poses, centre, space
+        )
+        rounds = max(len(state.assignment.rounds), state.progress.round_index + 1)
+        state.progress = state.progress.with_rounds(rounds)
+        taken_over = len(orphaned) - given_up
+        self._note(
+            "info", f"{taken_over} of {len(orphaned)} viewpoints taken over, {rounds} rounds now."
+        )
+
+    # -- the end ------------------------------------------------------------------------------
+
+    async def _land(self) -> None:
+        fleet, drones = self._tools.fleet, self._state.drones
+        for drone_id in drones:
+            if fleet.drones[drone_id].airborne:
+                fleet.land(drone_id)
+        down = await self._until(lambda: not any(fleet.drones[d].airborne for d in drones), 20.0)
+        if not down:
+            self._note("error", "A drone has not reported that it is down. Look, then cut motors.")
+        for drone_id in drones:
+            # Video heats a drone that stands still.
+            fleet.drones[drone_id].set_video(False)
+
+    async def _train(self) -> None:
+        taken = self._tools.photographer.taken
+        if taken < 2:
+            raise StepFailedError(f"only {taken} pictures were taken")
+        if self._request.train_seconds == 0:
+            return
+        await self._tools.reconstruction.start()
+        try:
+            await self._tools.reconstruction.finish(self._tools.recorder.seconds)
+        except JobFailedError as error:
+            raise StepFailedError(f"the reconstruction failed: {error}") from error
+        finally:
+            for drone_id in self._state.drones:
+                self._tools.fleet.drones[drone_id].set_video(True)
+
+    # -- parts --------------------------------------------------------------------------------
+
+    def _add_views(self) -> None:
+        """Keep what every drone sees now for the seed geometry."""
+        for drone_id in self._state.crew:
+            sight = self._tools.eyes[drone_id].sight
+            if sight is None or sight.region is None or sight.box is None:
+                continue
+            pose = self._tools.pilot.pose(drone_id)
+            intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
+            self._state.views.append(View(pose, intrinsics, sight.box, sight.region))
+
+    async def _fit_seed(self) -> None:
+        # Carving takes a while; in a thread it never delays a stop.
+        config = self._tools.config.vision.seed
+        seed = await asyncio.to_thread(seed_from_views, tuple(self._state.views), config)
+        self._state.seed = seed
+        self._tools.pilot.seed = seed
+        self._tools.events.publish(SeedFitted(seed))
+
+    def _viewpoints(self) -> dict[str, Viewpoint]:
+        """Return this round's viewpoints of the drones that fly."""
+        row = self._state.assignment.rounds[self._state.progress.round_index]
+        return {d: viewpoint for d, viewpoint in row.items() if d in self._state.crew}
+
+    def _all_centred(self) -> bool:
+        return all(self._tools.pilot.centred(d) for d in self._state.crew)
+
+    def _holding(self) -> bool:
+        return any(self._tools.fleet.drones[d].activity == "holding" for d in self._state.crew)
+
+    async def _until(
+        self,
+        condition: Callable[[], bool],
+        timeout_s: float,
+        while_waiting: Callable[[list[str]], Awaitable[None]] | None = None,
+    ) -> bool:
+        """Wait for ``condition``; returns whether it came true.
+
+        A pause stops this clock, and so, for a while, does a drone that hovers for a failsafe.
+        """
+        waited_s = held_s = 0.0
+        while self._state.progress.paused or not condition():
+            if not self._state.progress.paused:
+                if self._holding() and held_s < _WAIT_FOR_HOLDING_S:
+                    held_s += _POLL_S
+                else:
+                    waited_s += _POLL_S
+                if waited_s > timeout_s:
+                    return False
+                if while_waiting is not None:
+                    await while_waiting(list(self._state.crew))
+            await asyncio.sleep(_POLL_S)
+        return True
+
+    def _note(self, level: Any, text: str, drone_id: str | None = None) -> None:
+        self._tools.events.publish(Noted(level, text, drone_id))
