@@ -11,12 +11,14 @@ import asyncio
 import json
 import logging
 import os
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from ipaddress import IPv4Network
 from pathlib import Path
 from typing import Any
 
@@ -34,10 +36,16 @@ from server.app import (
     simulated_fleet,
     stop_signal,
 )
+from server.doctor.calibrate import CalibrateOptions, run_calibrate
+from server.doctor.command import run_doctor
+from server.doctor.config import LiveConfig
+from server.doctor.examination import Subject
+from server.doctor.scan import parse_subnet
 from server.jobs.runner import JobFailedError, LocalRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
+from server.sim.words import LEVELS
 from server.store.runs import run_id
 from server.terminal import (
     CaptureFollower,
@@ -94,7 +102,13 @@ async def _demo(arguments: argparse.Namespace) -> int:
         raise StartError(f"--pictures must be at least the number of drones, {arguments.drones}")
     check_runs(settings.runs)
     settings.open_token()
-    wanted = SimulatedFleet(arguments.scene, arguments.drones, arguments.seed, arguments.truth)
+    wanted = SimulatedFleet(
+        arguments.scene,
+        arguments.drones,
+        arguments.seed,
+        arguments.truth,
+        faults=tuple(arguments.fault),
+    )
     stop = stop_signal()
     started_s = time.monotonic()
     async with AsyncExitStack() as stack:
@@ -159,9 +173,17 @@ def sim(arguments: argparse.Namespace) -> int:
     """Run only the simulated Tellos, until interrupted."""
     command = [sys.executable, "-P", "-m", "server.sim.simulator", "--scene", arguments.scene]
     command += ["--drones", str(arguments.drones), "--seed", str(arguments.seed)]
-    command += ["--address", arguments.address]
+    if arguments.address is not None:
+        command += ["--address", arguments.address]
     if arguments.truth is not None:
         command += ["--truth", str(arguments.truth)]
+    for fault in arguments.fault:
+        command += ["--fault", fault]
+    for namespace in arguments.namespace:
+        command += ["--namespace", namespace]
+    command += ["--sdk", arguments.sdk]
+    if arguments.friendly_reads:
+        command.append("--friendly-reads")
     os.execv(sys.executable, command)
 
 
@@ -258,6 +280,59 @@ async def _train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def doctor(arguments: argparse.Namespace) -> int:
+    """Say what is wrong with this set-up and what to do about it."""
+    return asyncio.run(_doctor(arguments))
+
+
+async def _doctor(arguments: argparse.Namespace) -> int:
+    try:
+        runs = load_settings(runs=arguments.runs).runs
+    except SettingsError:
+        runs = arguments.runs or Path("runs")  # Reported as a finding with the others.
+    async with AsyncExitStack() as stack:
+        fleet_config = None
+        if arguments.fleet is not None:
+            fleet_config = real_fleet(arguments.fleet)
+        elif arguments.sim:
+            wanted = SimulatedFleet("robot_dog", arguments.drones)
+            fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+        return await run_doctor(Subject(fleet_config, runs), arguments.scan, arguments.json)
+
+
+def calibrate(arguments: argparse.Namespace) -> int:
+    """Work out a camera's intrinsics from views of a board."""
+    return asyncio.run(_calibrate(arguments))
+
+
+async def _calibrate(arguments: argparse.Namespace) -> int:
+    source = arguments.drone or arguments.pictures or arguments.board_image
+    if source is None:
+        raise StartError("what from? --drone ID (live), --pictures FOLDER, or --board-image FILE")
+    options = CalibrateOptions(
+        board=arguments.board,
+        pictures=arguments.pictures,
+        drone_id=arguments.drone or "",
+        fleet=arguments.fleet,
+        out=arguments.out,
+        out_dir=arguments.out_dir,
+        board_image=arguments.board_image,
+        as_json=arguments.json,
+        live=LiveConfig(views=arguments.views),
+    )
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+
+    def on_signal() -> None:
+        # The views so far are used; a second Ctrl-C ends the program.
+        stop.set()
+        loop.remove_signal_handler(signal.SIGINT)
+
+    if arguments.pictures is None:
+        loop.add_signal_handler(signal.SIGINT, on_signal)
+    return await run_calibrate(options, stop)
+
+
 def bench(arguments: list[str]) -> int:
     """Run one measurement as a child process, which knows its own options."""
     return subprocess.call([sys.executable, "-P", "-m", "server.bench", *arguments])
@@ -286,6 +361,7 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--headless", action="store_true", help="no console; end after the mission")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
     part.add_argument("--truth", type=Path, help="write the simulator's true poses to this file")
+    _faults(part)
     _where(part)
 
     part = _command(commands, "serve", serve, "the console for real or simulated drones")
@@ -298,8 +374,14 @@ def _parser() -> argparse.ArgumentParser:
     part = _command(commands, "sim", sim, "only the simulated Tellos")
     part.add_argument("--scene", default="robot_dog", help=SCENES)
     _drones(part)
-    part.add_argument("--address", default="127.0.1.1", help="address of the first (127.0.1.1)")
+    part.add_argument("--address", help="address of the first (127.0.1.1)")
     part.add_argument("--truth", type=Path, help="write true poses to this file")
+    part.add_argument("--sdk", choices=LEVELS, default="3.0", help="text protocol (3.0)")
+    part.add_argument("--friendly-reads", action="store_true", help="plain whole numbers")
+    part.add_argument(
+        "--namespace", action="append", default=[], metavar="NAME", help="of the next drone"
+    )
+    _faults(part)
 
     part = _command(commands, "capture", capture, "start a capture on a running console")
     part.add_argument(
@@ -329,6 +411,38 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
+    part = _command(commands, "doctor", doctor, "what is wrong with this set-up, and what to do")
+    source = part.add_mutually_exclusive_group()
+    source.add_argument("--fleet", type=Path, help="fleet.toml of the drones to look at")
+    source.add_argument("--sim", action="store_true", help="look at simulated drones")
+    part.add_argument("--drones", type=fleet_size, default=4, help="of them, 1 to 8 (4)")
+    part.add_argument(
+        "--scan",
+        type=_subnet,
+        metavar="SUBNET",
+        help="ask every address of a subnet like 192.168.1.0/24 for drones, first",
+    )
+    part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
+    part.add_argument("--json", action="store_true", help="print the findings as one JSON object")
+
+    part = _command(commands, "calibrate", calibrate, "camera intrinsics from views of a board")
+    part.add_argument("--drone", metavar="ID", help="whose camera; without --pictures: live")
+    part.add_argument("--fleet", type=Path, help="fleet.toml that says how to reach it")
+    part.add_argument("--pictures", type=Path, metavar="FOLDER", help="use pictures, not a stream")
+    part.add_argument(
+        "--board",
+        default="charuco:7x5:38:28",
+        help="charuco:COLUMNSxROWS:SQUARE:MARKER (squares, mm) or chessboard:COLUMNSxROWS:SQUARE"
+        " (inner corners, mm) (charuco:7x5:38:28)",
+    )
+    part.add_argument("--views", type=count, default=25, help="views to collect live (25)")
+    part.add_argument("--out", type=Path, help="fleet.toml to write the intrinsics into")
+    part.add_argument("--out-dir", type=Path, metavar="DIR", help="folder for coverage.png")
+    part.add_argument(
+        "--board-image", type=Path, metavar="FILE", help="write the board as .png or .pdf, and end"
+    )
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
     # Listed here, but its options are the child's own: main hands them on as they are.
     part = commands.add_parser("bench", help="the measurements; see `dronerf bench --help`")
     part.set_defaults(command=lambda _: bench([]))
@@ -341,9 +455,26 @@ def _command(commands: Any, name: str, run: Any, text: str) -> argparse.Argument
     return part
 
 
+def _subnet(text: str) -> IPv4Network:
+    try:
+        return parse_subnet(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def _drones(part: argparse.ArgumentParser) -> None:
     part.add_argument("--drones", type=fleet_size, default=4, help="1 to 8 (4)")
     part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
+
+
+def _faults(part: argparse.ArgumentParser) -> None:
+    part.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="FAULT",
+        help="KIND[=AMOUNT][@START[+DURATION]][:DRONE-ID], e.g. loss=0.1 (repeatable)",
+    )
 
 
 def _where(part: argparse.ArgumentParser) -> None:

@@ -32,8 +32,9 @@ from server.scene.config import SceneConfig
 from server.scene.scene import SceneView
 from server.settings import Settings
 from server.sim.config import SimConfig, fleet_config
-from server.swarm.config import FleetConfig, FleetFileError, load_fleet
+from server.swarm.config import FleetConfig
 from server.swarm.fleet import Fleet
+from server.swarm.fleet_file import FleetFileError, load_fleet
 from server.swarm.link import LinkError
 
 logger = logging.getLogger(__name__)
@@ -61,6 +62,7 @@ class SimulatedFleet:
         seed: Seed of start errors, drift and noise.
         truth: File for the true poses (for measurements only), None for none.
         address: First loopback address, None to choose a free block.
+        faults: What goes wrong, as ``server.sim.faults.parse_fault`` reads it.
     """
 
     scene: str
@@ -68,6 +70,7 @@ class SimulatedFleet:
     seed: int = 0
     truth: Path | None = None
     address: str | None = None
+    faults: tuple[str, ...] = ()
 
 
 @asynccontextmanager
@@ -87,6 +90,8 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
     arguments += ["--address", config.base_address, "--seed", str(config.seed), "--attached"]
     if wanted.truth is not None:
         arguments += ["--truth", str(wanted.truth)]
+    for fault in wanted.faults:
+        arguments += ["--fault", fault]
     if not logger.isEnabledFor(logging.INFO):
         arguments.append("--quiet")
     process = await asyncio.create_subprocess_exec(

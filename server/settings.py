@@ -81,8 +81,15 @@ class Settings(BaseSettings):
         return tuple(sources)
 
     def flight(self) -> FlightConfig:
-        """Return the pieces that fly."""
-        return FlightConfig(self.mission, self.planner, self.vision, self.safety)
+        """Return the pieces that fly.
+
+        Raises:
+            SettingsError: If they do not fit together.
+        """
+        try:
+            return FlightConfig(self.mission, self.planner, self.vision, self.safety)
+        except ValueError as error:
+            raise SettingsError(str(error)) from error
 
     def open_token(self) -> str:
         """Return the token: as set, else from the file, else a new one.

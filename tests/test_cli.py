@@ -19,7 +19,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 DRONERF = Path(sys.executable).with_name("dronerf")
-COMMANDS = ("demo", "serve", "sim", "capture", "train", "bench")
+COMMANDS = ("demo", "serve", "sim", "capture", "train", "doctor", "calibrate", "bench")
 
 
 def run(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -78,7 +78,7 @@ def test_every_command_explains_itself(folder: Path, command: str) -> None:
 
 def test_the_help_lists_exactly_the_commands(folder: Path) -> None:
     text = run(folder, "--help").stdout
-    assert tuple(re.findall(r"^    ([a-z]+)  ", text, re.MULTILINE)) == COMMANDS
+    assert tuple(re.findall(r"^    ([a-z]+)(?:  |$)", text, re.MULTILINE)) == COMMANDS
 
 
 # Wrong usage --------------------------------------------------------------------------------------

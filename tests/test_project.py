@@ -19,7 +19,8 @@ from server.api.typescript import messages_text
 from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.pose_config import PoseConfig
 from server.settings import Settings
-from server.swarm.config import SafetyConfig, load_fleet
+from server.swarm.config import SafetyConfig
+from server.swarm.fleet_file import load_fleet
 from server.terminal import OneLineParser
 
 ROOT = Path(__file__).parent.parent

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Body
 from fastapi.responses import Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
@@ -19,8 +19,23 @@ _PREFIX = "/api/v1/captures"
 _NAME = r"^[^\x00-\x1f\x7f/\\]*$"
 
 
+_MOST_OVERRIDES = 40
+_Item = Annotated[str, StringConstraints(min_length=1, max_length=80)]
+# A reason is one line of the record: letters, not layout.
+_Reason = Annotated[
+    str,
+    StringConstraints(
+        strip_whitespace=True, min_length=3, max_length=300, pattern=r"^[^\x00-\x1f\x7f]*$"
+    ),
+]
+
+
 class CaptureSpec(BaseModel):
-    """What to capture; every field may be left out."""
+    """What to capture; every field may be left out.
+
+    ``overrides`` names checklist items that shall not keep the capture on the ground, by key
+    (``drone-2.level``) or for all drones by item (``level``), each with the reason why.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -30,6 +45,7 @@ class CaptureSpec(BaseModel):
     train_seconds: float = Field(default=60.0, strict=True, ge=0.0, allow_inf_nan=False)
     name: str = Field(default="", max_length=80, pattern=_NAME)
     seed: int = Field(default=0, strict=True, ge=0, lt=2**32)
+    overrides: dict[_Item, _Reason] = Field(default_factory=dict, max_length=_MOST_OVERRIDES)
 
 
 class CaptureView(BaseModel):
@@ -48,6 +64,7 @@ class CaptureView(BaseModel):
     rounds: int
     images: int
     images_total: int
+    overrides: dict[str, str]
     started_at: datetime
     updated_at: datetime
     metrics: dict[str, object] | None
@@ -72,6 +89,7 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
         rounds=status.rounds,
         images=status.images,
         images_total=status.images_total,
+        overrides=dict(record.request.overrides),
         started_at=record.started_at,
         updated_at=status.at,
         metrics=cast("dict[str, object] | None", metrics),
@@ -95,6 +113,7 @@ def make_captures_router(mission: MissionControl) -> APIRouter:
             train_seconds=asked.train_seconds,
             name=asked.name,
             seed=asked.seed,
+            overrides=asked.overrides,
         )
         try:
             record = await mission.start_capture(request)

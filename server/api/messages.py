@@ -148,6 +148,19 @@ class MetricsReport(_Message):
     psnr_db_object: float | None
 
 
+class FailsafeReport(_Message):
+    """A row of the failsafe table began to fire; ``value`` is null where it is not a number."""
+
+    type: Literal["failsafe_fired"] = "failsafe_fired"
+    at: str
+    drone_id: str
+    event: str
+    threshold: float
+    action: Literal["hold", "land", "land_all", "cut"]
+    value: float | None
+    text: str
+
+
 class Note(_Message):
     """A line of the event log."""
 
@@ -176,6 +189,7 @@ ServerMessage = Annotated[
     | PosesReport
     | PreviewReport
     | MetricsReport
+    | FailsafeReport
     | Note
     | Missed,
     Field(discriminator="type"),
@@ -197,7 +211,21 @@ class TileShown(_Message):
     sequence: int
 
 
-ClientMessage = Annotated[ShowTiles | TileShown, Field(discriminator="type")]
+class Heartbeat(_Message):
+    """The operator in command is there; sent every two seconds. Its absence is a failsafe."""
+
+    type: Literal["heartbeat"] = "heartbeat"
+
+
+class ReleaseCommand(_Message):
+    """The operator leaves and the flight goes on: silence counts no longer."""
+
+    type: Literal["release_command"] = "release_command"
+
+
+ClientMessage = Annotated[
+    ShowTiles | TileShown | Heartbeat | ReleaseCommand, Field(discriminator="type")
+]
 
 
 class TileHeader(_Message):

@@ -2,6 +2,9 @@
 
 Per client one task moves events from the mission into an ``Outbox``, one sends from it as fast as
 the client takes them, one reads what the client says. The first to end ends the others.
+
+A client whose user flies sends heartbeats. A socket that closes takes no leave of the mission: only
+``release_command`` does, and everything else is a silence that the failsafe table answers.
 """
 
 from __future__ import annotations
@@ -18,7 +21,14 @@ from starlette.websockets import WebSocketDisconnect
 
 from server.api.config import StreamConfig
 from server.api.journal import Journal
-from server.api.messages import ClientMessage, Missed, ShowTiles, TileShown
+from server.api.messages import (
+    ClientMessage,
+    Heartbeat,
+    Missed,
+    ReleaseCommand,
+    ShowTiles,
+    TileShown,
+)
 from server.api.outbox import Outbox
 from server.mission.commands import MissionControl
 from server.mission.events import Event, Subscription
@@ -29,7 +39,9 @@ _UNSUPPORTED_DATA = 1003
 _POLICY_VIOLATION = 1008
 _INTERNAL_ERROR = 1011
 
-_client_message: TypeAdapter[ShowTiles | TileShown] = TypeAdapter(ClientMessage)
+_client_message: TypeAdapter[ShowTiles | TileShown | Heartbeat | ReleaseCommand] = TypeAdapter(
+    ClientMessage
+)
 
 
 @dataclass(slots=True)
@@ -74,7 +86,7 @@ def make_stream_router(
             # Subscribed before the standing events are asked for, so that nothing falls between.
             with mission.events.subscribe(config.queue) as subscription:
                 outbox = Outbox(config.pending, standing_events(mission, journal, config))
-                await _Conversation(socket, subscription, outbox, counts).run()
+                await _Conversation(socket, subscription, outbox, mission, counts).run()
         except Exception:
             # The supervisor of one client: whatever broke, only this client notices.
             logger.exception("the event stream of a client failed")
@@ -98,11 +110,13 @@ class _Conversation:
         socket: WebSocket,
         subscription: Subscription,
         outbox: Outbox,
+        mission: MissionControl,
         counts: StreamCounts,
     ) -> None:
         self._socket = socket
         self._subscription = subscription
         self._outbox = outbox
+        self._mission = mission
         self._counts = counts
         self._work = asyncio.Event()
         self._work.set()
@@ -169,4 +183,8 @@ class _Conversation:
                     self._outbox.show(drone_ids)
                 case TileShown(drone_id=drone_id, sequence=sequence):
                     self._outbox.shown(drone_id, sequence)
+                case Heartbeat():
+                    self._mission.note_operator()
+                case ReleaseCommand():
+                    self._mission.release_operator()
             self._work.set()

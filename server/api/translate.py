@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from datetime import datetime
 from typing import Literal, assert_never, cast
 
@@ -14,6 +15,7 @@ from server.mission.events import (
     CaptureTaken,
     DroneReported,
     Event,
+    FailsafeFired,
     FrameAnnotated,
     MetricsMeasured,
     Noted,
@@ -29,6 +31,7 @@ from server.mission.events import (
 CaptureState = Literal[
     "queued", "running", "paused", "succeeded", "failed", "aborted", "interrupted"
 ]
+FailsafeAction = Literal["hold", "land", "land_all", "cut"]
 
 
 def message_from_event(event: Event) -> BaseModel | None:
@@ -62,6 +65,8 @@ def message_from_event(event: Event) -> BaseModel | None:
             return messages.PreviewReport(at=_iso(event.at), image=_data_url(event.jpeg))
         case MetricsMeasured():
             return _metrics(event)
+        case FailsafeFired():
+            return _failsafe(event)
         case Noted():
             return messages.Note(
                 at=_iso(event.at), level=event.level, text=event.text, drone_id=event.drone_id
@@ -173,6 +178,20 @@ def _metrics(event: MetricsMeasured) -> messages.MetricsReport:
         ssim=metrics.ssim,
         flip=metrics.flip,
         psnr_db_object=metrics.psnr_db_object,
+    )
+
+
+def _failsafe(event: FailsafeFired) -> messages.FailsafeReport:
+    return messages.FailsafeReport(
+        at=_iso(event.at),
+        drone_id=event.drone_id,
+        event=event.event,
+        threshold=event.threshold,
+        # The event's action is a plain word; the message checks that it is one of ours.
+        action=cast(FailsafeAction, event.action),
+        # A reading that is no number fires too, and JSON has no word for it.
+        value=event.value if math.isfinite(event.value) else None,
+        text=event.text,
     )
 
 

@@ -20,6 +20,7 @@ from server.api.journal import Journal
 from server.api.pages import SecurityHeaders
 from server.api.problems import Problem, described, install_problems
 from server.api.results import make_results_router
+from server.api.safety import make_safety_router
 from server.api.scene_bridge import make_scene_router
 from server.api.stream import StreamCounts, make_stream_router
 from server.mission.commands import MissionControl
@@ -77,6 +78,7 @@ def make_web(
 
     install_problems(web)
     web.include_router(make_drones_router(mission, stops, config.command_wait_s))
+    web.include_router(make_safety_router(mission))
     web.include_router(make_captures_router(mission))
     web.include_router(make_results_router(mission, journal, config.artifacts))
     web.include_router(make_stream_router(mission, journal, config.stream, counts))

@@ -14,6 +14,8 @@ OpenGL camera
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,26 @@ def opengl_from_opencv(T_world_cam: NDArray[np.float64]) -> NDArray[np.float64]:
 def opencv_from_opengl(T_world_glcam: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the OpenCV camera-to-world pose of an OpenGL one, both ``(..., 4, 4)``."""
     return T_world_glcam @ _FLIP_YZ
+
+
+def rotation_z(angle_rad: float) -> NDArray[np.float64]:
+    """Return the rotation ``(3, 3)`` about +Z, counter-clockwise."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_zyx(z_rad: float, y_rad: float, x_rad: float) -> NDArray[np.float64]:
+    """Return ``Rz(z) Ry(y) Rx(x)`` ``(3, 3)``."""
+    cz, sz = math.cos(z_rad), math.sin(z_rad)
+    cy, sy = math.cos(y_rad), math.sin(y_rad)
+    cx, sx = math.cos(x_rad), math.sin(x_rad)
+    return np.array(
+        [
+            [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
+            [sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx],
+            [-sy, cy * sx, cy * cx],
+        ]
+    )
 
 
 def wrap_angle(angle_rad: float) -> float:

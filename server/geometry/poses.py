@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from server.geometry.axes import R_BODY_LEVEL_CAM
+from server.geometry.axes import R_BODY_LEVEL_CAM, rotation_zyx
 
 Array = NDArray[np.float64]
 
@@ -52,10 +52,9 @@ def camera_pose(position_world: Array, yaw_rad: float, tilt_rad: float) -> Array
         yaw_rad: Heading of the drone, counter-clockwise about +Z.
         tilt_rad: How far the camera looks below the horizon (positive is down).
     """
-    R_world_body = Rotation.from_euler("z", yaw_rad).as_matrix()
     # A turn about the body's left axis (+y) pitches the nose down when positive.
-    R_body_tilted = Rotation.from_euler("y", tilt_rad).as_matrix()
-    return transform_from(R_world_body @ R_body_tilted @ R_BODY_LEVEL_CAM, position_world)
+    R_world_body = rotation_zyx(yaw_rad, tilt_rad, 0.0)
+    return transform_from(R_world_body @ R_BODY_LEVEL_CAM, position_world)
 
 
 def yaw_of_camera(T_world_cam: Array) -> float:

@@ -16,10 +16,30 @@ from server.mission.events import (
     EventStream,
     FrameAnnotated,
 )
-from server.swarm.failsafes import Failsafe
+from server.swarm.failsafes import FALLING, Failsafe, FailsafeTable
 
 Mode = Literal["optimized", "standard"]
 DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
+
+
+def failsafe_falls(event: str) -> bool:
+    """Return whether a failsafe's event fires at or below its threshold, not at or above it."""
+    return event in FALLING
+
+
+def failsafe_meaning(event: str) -> str:
+    """Return what a failsafe's event means, in the table's own words; empty when it has none."""
+    lines = (FailsafeTable.__doc__ or "").splitlines()
+    head = f"        {event}: "
+    start = next((n for n, line in enumerate(lines) if line.startswith(head)), None)
+    if start is None:
+        return ""
+    words = [lines[start][len(head) :]]
+    for line in lines[start + 1 :]:
+        if not line.startswith(" " * 12):  # Only the lines that go on are indented further.
+            break
+        words.append(line.strip())
+    return " ".join(words)
 
 
 class RefusedError(Exception):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from server.planner.config import PlannerConfig
+from server.planner.margins import margin_fault
 from server.swarm.config import SafetyConfig
 from server.vision.config import VisionConfig
 
@@ -34,9 +35,9 @@ class MissionConfig:
 
     control_rate_hz: float = 15.0
     connect_timeout_s: float = 20.0
-    centre_timeout_s: float = 20.0
+    centre_timeout_s: float = 40.0
     plan_timeout_s: float = 20.0
-    fly_timeout_s: float = 25.0
+    fly_timeout_s: float = 60.0
     tune_timeout_s: float = 3.0
     arrive_m: float = 0.12
     arrive_rad: float = 0.08
@@ -64,9 +65,26 @@ class FlightConfig:
         planner: Of ``server.planner``.
         vision: Of ``server.vision``.
         safety: Of ``server.swarm``.
+
+    Raises:
+        ValueError: If the planner would send drones to where a safety rule fires.
     """
 
     mission: MissionConfig
     planner: PlannerConfig
     vision: VisionConfig
     safety: SafetyConfig
+
+    def __post_init__(self) -> None:
+        safety = self.safety
+        fault = margin_fault(
+            self.planner,
+            fence_radius_m=safety.fence_radius_m,
+            floor_m=safety.floor_m,
+            ceiling_m=safety.ceiling_m,
+            standoff_m=max([safety.standoff_m, *safety.failsafes.standoff_m.values()]),
+            separation_m=max(safety.failsafes.separation_m.values(), default=0.0),
+            max_speed_m_s=safety.max_speed_m_s,
+        )
+        if fault is not None:
+            raise ValueError(fault)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from server.jobs.runner import JobRunner, LocalRunner
-from server.mission.checklist import Check, check_disk, check_drone
+from server.mission.checklist import Check, check_disk, check_drone, problems
 from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
@@ -192,7 +192,8 @@ class Control:
     def release_operator(self) -> None:
         """Fly on without an operator."""
         self._fleet.forget_operator()
-        self.events.publish(Noted("warning", "Nobody is in command now; the flight goes on."))
+        if self._flying_mission():
+            self.events.publish(Noted("warning", "Nobody is in command now; the flight goes on."))
 
     def run_folder(self, capture_id: str) -> Path:
         """Return the run folder of a capture; raises UnknownError."""
@@ -219,12 +220,13 @@ class Control:
                     raise RefusedError("a capture is running; it flies the drones")
                 if drone.held:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
+                self._fleet.forget_operator()
                 self._pilot.place_at_start(drone_id)
                 await drone.take_off()
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
-        drones = _checked(request, list(self._fleet.drones))
+        drones = self._drones_for(_checked(request, len(self._fleet.drones)), request)
         if self._mission_task is not None and not self._mission_task.done():
             raise RefusedError("a capture is running; abort it or wait for its end")
         held = [d for d in drones if self._fleet.drones[d].held]
@@ -232,12 +234,22 @@ class Control:
             raise RefusedError(f"{', '.join(held)} held; re-arm first")
         run = RunFolder.create(self._runs, request.name)
         self._standing.clear()
+        # Whoever was in command of an earlier flight need not be there for this one: a console in
+        # command gives its next sign of life within seconds.
+        self._fleet.forget_operator()
         self._mission = Mission(request, drones, run, self._tools)
         record = CaptureRecord(request, self._mission.status(), datetime.now(UTC), None)
         self._records[run.id] = record
         self._mission_task = asyncio.create_task(self._mission.run(), name=f"mission {run.id}")
         self.events.publish(record.status)
         return record
+
+    def _drones_for(self, count: int, request: CaptureRequest) -> list[str]:
+        """Return ``count`` drones in fleet order, those that are ready to fly before others."""
+        blocked = {check.drone_id for check in problems(self.preflight(), request.overrides)}
+        order = sorted(self._fleet.drones, key=lambda drone_id: drone_id in blocked)
+        chosen = set(order[:count])
+        return [drone_id for drone_id in self._fleet.drones if drone_id in chosen]
 
     async def pause_capture(self, capture_id: str) -> CaptureRecord:
         """Hold position and stop the mission's clock; raises UnknownError or RefusedError."""
@@ -328,11 +340,11 @@ class Control:
         return self._mission is not None and self._mission.airborne
 
 
-def _checked(request: CaptureRequest, fleet: list[str]) -> list[str]:
-    """Return the drones to use; raises ValueError naming the number that is wrong."""
-    count = len(fleet) if request.drones is None else request.drones
-    if not 1 <= count <= len(fleet):
-        raise ValueError(f"drones must be 1 to {len(fleet)}, not {count}")
+def _checked(request: CaptureRequest, fleet_size: int) -> int:
+    """Return how many drones to use; raises ValueError naming the number that is wrong."""
+    count = fleet_size if request.drones is None else request.drones
+    if not 1 <= count <= fleet_size:
+        raise ValueError(f"drones must be 1 to {fleet_size}, not {count}")
     if not count <= request.pictures <= 400:
         raise ValueError(f"pictures must be {count} (one each) to 400, not {request.pictures}")
     if request.train_seconds != 0 and not 1.0 <= request.train_seconds <= 86_400:
@@ -342,7 +354,7 @@ def _checked(request: CaptureRequest, fleet: list[str]) -> list[str]:
             raise ValueError(f"overrides.{item} needs a reason of 3 to {_LONGEST_REASON} letters")
     if request.mode not in ("optimized", "standard"):
         raise ValueError(f"mode must be optimized or standard, not {request.mode}")
-    return fleet[:count]
+    return count
 
 
 def _records_on_disk(runs: Path) -> dict[str, CaptureRecord]:

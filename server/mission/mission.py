@@ -182,9 +182,17 @@ class Mission:
                 raise
         finally:
             self._recorder.add_seconds(phase, asyncio.get_running_loop().time() - begun_s)
+        await self._while_paused(phase)
         if self._state.progress.phase is phase and not self._state.progress.over:
             self._state.progress = self._state.progress.advance()
         self._change(self._recorder.state)
+
+    async def _while_paused(self, phase: Phase) -> None:
+        """Wait while the mission is paused in ``phase``, whose work is done."""
+        progress = self._state.progress
+        while progress.paused and progress.phase is phase:
+            await asyncio.sleep(_POLL_S)
+            progress = self._state.progress
 
     def _fail(self, phase: Phase, reason: str) -> None:
         self._tools.events.publish(Noted("error", reason))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,10 @@ class Pilot:
         self._target = TargetEstimator(config.vision.localization)
         self._dt_s = 1.0 / config.mission.control_rate_hz
         self._wings: dict[str, Wing] = {}
-        for drone_id, drone in fleet.drones.items():
+        for number, (drone_id, drone) in enumerate(fleet.drones.items()):
             azimuth_rad = float(np.deg2rad(drone.config.azimuth_deg))
             start = facing(np.zeros(3), azimuth_rad, fleet.config.start_radius_m, 0.0)
-            self._wings[drone_id] = Wing(drone, eyes[drone_id], start, config)
+            self._wings[drone_id] = Wing(drone, eyes[drone_id], start, config, number)
 
     # -- goals --------------------------------------------------------------------------------
 
@@ -76,6 +77,7 @@ class Pilot:
         if not wing.flown:
             wing.place_at_start()
         wing.flown = True
+        wing.begin_flight()
         wing.goal = None
 
     def start_azimuth_rad(self, drone_id: str) -> float:
@@ -189,7 +191,7 @@ class Pilot:
         flying: list[tuple[Wing, CameraPose, float]] = []
         agents: list[Agent] = []
         for wing in self._wings.values():
-            pose = wing.filter.pose(now_s)
+            pose = wing.pose(now_s)
             camera = wing.drone.config.intrinsics
             wing.eye.expect(expected_region(pose, target, camera, self.seed))
             if not wing.drone.airborne:
@@ -199,7 +201,11 @@ class Pilot:
             if not self.paused and wing.drone.activity == "flying":
                 wish = self._wish(wing, pose, target, now_s)
             flying.append((wing, pose, wish[1]))
-            agents.append(agent_from_pose(pose, wing.velocity_world(pose), wish[0]))
+            # Who climbs, sinks or is held makes no room: the others do.
+            steered = wing.drone.activity == "flying" or (
+                wing.drone.activity == "holding" and not wing.drone.held
+            )
+            agents.append(agent_from_pose(pose, wing.filter.velocity(), wish[0], steered))
         if not flying:
             return
         planner = self._config.planner
@@ -215,8 +221,14 @@ class Pilot:
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
             setpoint = limit_setpoint(setpoint, pose, obstacle, self._config.safety)
+            sent = wing.told(turned(setpoint.velocity_m_s, pose.yaw_rad), now_s, self._dt_s)
+            setpoint = replace(setpoint, velocity_m_s=turned(sent, -pose.yaw_rad))
             others = [other for other in poses if other is not pose]
             readings = flight_readings(pose, others, obstacle, self._config.safety)
+            ages = wing.ages(now_s)
+            readings = replace(
+                readings, object_age_s=ages.object_age_s, velocity_age_s=ages.velocity_age_s
+            )
             wing.drone.observe_flight(readings, now_s)
             wing.drone.set_setpoint(setpoint, now_s)
 
@@ -228,13 +240,13 @@ class Pilot:
         match wing.goal:
             case Centre(azimuth_rad):
                 viewpoint = self._centring_viewpoint(wing, azimuth_rad, target, now_s)
-                return self._towards(pose, viewpoint, target)
+                return self._towards(wing, pose, viewpoint, target, now_s)
             case Fly(viewpoint):
-                return self._towards(pose, viewpoint, target)
+                return self._towards(wing, pose, viewpoint, target, now_s)
             case Trim(viewpoint, wanted):
                 offset = viewpoint.position_world - pose.position_world
                 if np.linalg.norm(offset) > _TRIM_REACH_M:
-                    return self._towards(pose, viewpoint, target)
+                    return self._towards(wing, pose, viewpoint, target, now_s)
                 box = wing.fresh_box(now_s)
                 if box is not None and not self._plausible(wing, box, pose):
                     box = None
@@ -264,14 +276,20 @@ class Pilot:
         return bool((overlap > 0.0).all()) and 1.0 / _TRIM_RATIO < ratio < _TRIM_RATIO
 
     def _towards(
-        self, pose: CameraPose, viewpoint: Viewpoint, target: TargetEstimate
+        self,
+        wing: Wing,
+        pose: CameraPose,
+        viewpoint: Viewpoint,
+        target: TargetEstimate,
+        now_s: float,
     ) -> tuple[Array, float]:
-        tracking = self._config.planner.tracking
+        tracking, obstacle = self._config.planner.tracking, self._obstacle(target)
         velocity = route_velocity(
             pose.position_world,
             viewpoint.position_world,
-            self._obstacle(target),
+            obstacle,
             self._config.planner,
+            wing.turning(viewpoint.position_world, pose, obstacle, now_s),
         )
         _, yaw_rate = fly_to(pose, viewpoint, tracking)
         offset = viewpoint.position_world - pose.position_world
@@ -280,6 +298,11 @@ class Pilot:
             bearing = target.centre[:2] - pose.position_world[:2]
             wanted_yaw = float(np.arctan2(bearing[1], bearing[0]))
             yaw_rate = yaw_rate_to(pose.yaw_rad, wanted_yaw, tracking)
+            # Going past the object turns the bearing to it, and the drone has to turn along.
+            across = bearing[1] * velocity[0] - bearing[0] * velocity[1]
+            limit = tracking.yaw_rate_max_rad_s
+            yaw_rate += across / max(float(bearing @ bearing), 0.25)
+            yaw_rate = float(np.clip(yaw_rate, -limit, limit))
         return velocity, yaw_rate
 
     def _centring_viewpoint(

@@ -22,6 +22,7 @@ from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Noted, SeedFitted
 from server.mission.eyes import Eye
+from server.mission.landing import landing_places
 from server.mission.phases import Phase
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
@@ -39,6 +40,8 @@ _POLL_S = 0.05
 _QUARTER_TURN = np.pi / 2.0
 # Drones that hover for a failsafe stop the mission's clock, but not for ever.
 _WAIT_FOR_HOLDING_S = 60.0
+# Longer than this no landing waits for a better place.
+_MOVE_ASIDE_S = 15.0
 
 
 class StepFailedError(Exception):
@@ -276,6 +279,7 @@ class Steps:
 
     async def _land(self) -> None:
         fleet, drones = self._tools.fleet, self._state.drones
+        await self._move_aside()
         for drone_id in drones:
             if fleet.drones[drone_id].airborne:
                 fleet.land(drone_id)
@@ -285,6 +289,26 @@ class Steps:
         for drone_id in drones:
             # Video heats a drone that stands still.
             fleet.drones[drone_id].set_video(False)
+
+    async def _move_aside(self) -> None:
+        """Fly on until nobody would land on a drone that already stands there."""
+        pilot, fleet = self._tools.pilot, self._tools.fleet
+        poses = {d: pilot.pose(d) for d in self._state.crew if fleet.drones[d].activity == "flying"}
+        down = [d for d, drone in fleet.drones.items() if not drone.airborne]
+        places = landing_places(
+            {d: pose.position_world for d, pose in poses.items()},
+            [pilot.pose(d).position_world for d in down],
+            self._state.object_box,
+            self._tools.config.planner.space,
+        )
+        moving: list[str] = []
+        for drone_id, place in places.items():
+            position = poses[drone_id].position_world
+            if np.linalg.norm(place - position[:2]) > self._config.arrive_m:
+                moving.append(drone_id)
+                above = np.append(place, position[2])
+                pilot.fly(drone_id, Viewpoint(above, poses[drone_id].yaw_rad))
+        await self._until(lambda: all(pilot.arrived(d) for d in moving), _MOVE_ASIDE_S)
 
     async def _train(self) -> None:
         taken = self._tools.photographer.taken

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from server.geometry.boxes import Box3
 from server.mission.config import FlightConfig
 from server.mission.eyes import Eye, Sight
+from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
 from server.stages import Box, CameraPose, Viewpoint
 from server.swarm.drone import Drone
+from server.swarm.failsafes import FlightReadings
 from server.vision.localization import PoseFilter, TargetEstimator
 
 Array = NDArray[np.float64]
 
 # A box older than this says nothing about where the drone is now.
 _STALE_S = 0.6
+# Wind is what a drone does beyond what it was told: averaged over this time, and at most so much.
+_WIND_TAU_S = 1.5
+_WIND_MAX_M_S = 0.45
+# How fast a Tello follows its sticks.
+_LAG_S = 0.35
+# A drone that reports nothing flies on as it last did, and is ever less sure to be there.
+_STALE_STATE_S = 0.5
+_COAST_S = 18.0
+_COAST_SIGMA_M_S = 0.1
+# Told to move faster than this, a drone must feel that it moves.
+_FELT_M_S = 0.15
 # Boxes of less confidence are shown but correct no pose.
 _SURE_ENOUGH = 0.4
 
@@ -57,9 +71,14 @@ class Wing:
         tracker: Its PID loops.
         flown: True once it has taken off since it was last set down at its start place.
         filter: What is believed of its pose.
+        wind: World velocity ``(3,)`` that it has beyond what it was told, m/s.
     """
 
-    def __init__(self, drone: Drone, eye: Eye, start: Viewpoint, config: FlightConfig) -> None:
+    def __init__(
+        self, drone: Drone, eye: Eye, start: Viewpoint, config: FlightConfig, number: int
+    ) -> None:
+        """Build it; ``number`` is the drone's place in the fleet."""
+        self._number = number
         self.drone = drone
         self.eye = eye
         self.start = start
@@ -71,7 +90,17 @@ class Wing:
         self._config = config
         self._sequence = -1
         self._motor_time_s = 0.0
+        self.wind = np.zeros(3)
+        self._told = np.zeros(3)  # World velocity it was told, as a lagging drone follows it.
+        self._detour: Detour | None = None
+        self._seen_s: float | None = None
+        self._felt_s: float | None = None
         self.place_at_start()
+
+    def begin_flight(self) -> None:
+        """Forget what was felt and seen in the flight before."""
+        self.wind, self._told = np.zeros(3), np.zeros(3)
+        self._seen_s = self._felt_s = None
 
     def place_at_start(self) -> None:
         """Believe the drone to stand at its nominal start place."""
@@ -114,15 +143,58 @@ class Wing:
         if usable and self.drone.activity in ("flying", "holding"):
             others = target.estimate(excluding=self.drone.config.id)
             assert sight.box is not None
+            self._seen_s = sight.frame.captured_s
             self.filter.observe_box(sight.box, sight.frame.captured_s, others)
             target.observe(self.drone.config.id, self.filter.target_belief())
 
-    def velocity_world(self, pose: CameraPose) -> Array:
-        """Return the reported velocity ``(3,)``, turned into the world by a believed pose."""
+    def pose(self, now_s: float) -> CameraPose:
+        """Return the believed pose; without reports it goes on as it was flying, ever less sure."""
+        pose, telemetry = self.filter.pose(now_s), self.drone.telemetry
+        silent_s = 0.0 if telemetry is None else now_s - telemetry.received_s - _STALE_STATE_S
+        if silent_s <= 0.0 or not self.drone.airborne:
+            return pose
+        T_world_cam, covariance = pose.T_world_cam.copy(), pose.covariance.copy()
+        T_world_cam[:2, 3] += self.filter.velocity()[:2] * min(silent_s, _COAST_S)
+        covariance[:3, :3] += np.eye(3) * (_COAST_SIGMA_M_S * silent_s) ** 2
+        return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
+
+    def told(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
+        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
         telemetry = self.drone.telemetry
-        if telemetry is None:
-            return np.zeros(3)
-        return turned(telemetry.velocity_m_s, pose.yaw_rad)
+        fresh = telemetry is not None and now_s - telemetry.received_s < _STALE_STATE_S
+        share = min(1.0, dt_s / _WIND_TAU_S) if fresh else 0.0
+        self.wind = self.wind + share * (self.filter.velocity() - self._told - self.wind)
+        self.wind[2] = 0.0  # Up and down its own sensors hold it well.
+        strength = float(np.linalg.norm(self.wind))
+        if strength > _WIND_MAX_M_S:
+            self.wind *= _WIND_MAX_M_S / strength
+        sent = velocity_world - self.wind
+        self._told = self._told + min(1.0, dt_s / _LAG_S) * (sent - self._told)
+        return sent
+
+    def turning(self, goal: Array, pose: CameraPose, obstacle: Box3, now_s: float) -> int:
+        """Return which way round the object it goes to ``goal`` ``(3,)``: +1, -1 or 0."""
+        self._detour = next_detour(
+            self._detour,
+            pose.position_world,
+            goal,
+            obstacle,
+            self._config.planner,
+            now_s,
+            self._number,
+        )
+        return self._detour.turning
+
+    def ages(self, now_s: float) -> FlightReadings:
+        """Return how long it has neither seen the object nor felt itself move."""
+        telemetry = self.drone.telemetry
+        moves = telemetry is not None and bool(np.any(telemetry.velocity_m_s[:2]))
+        if moves or self._felt_s is None or float(np.hypot(*self._told[:2])) < _FELT_M_S:
+            self._felt_s = now_s
+        return FlightReadings(
+            object_age_s=None if self._seen_s is None else now_s - self._seen_s,
+            velocity_age_s=now_s - self._felt_s,
+        )
 
 
 def turned(velocity: Array, angle_rad: float) -> Array:

@@ -5,14 +5,19 @@ Between drones: optimal reciprocal collision avoidance (van den Berg, Guy, Lin, 
 velocity change that keeps them apart for the horizon. Heights are divided by the downwash factor
 first, so that drones keep a larger distance above one another than beside one another.
 
-Object and fence do not react, so each drone takes the whole change: the free distance to them may
-be used up no faster than in the wall horizon.
+Object, no-go volumes and fence do not react, so each drone takes the whole change: the free
+distance to them may be used up no faster than in the wall horizon.
 
-Symbols: p relative position, v relative velocity, R summed radii, tau the horizon.
+All distances are what would be left if everybody were told to stop now
+(``server.planner.velocity_obstacles``), so a safe stop always stays possible. Told velocities also
+stay within what the drone can accelerate to.
+
+Symbols: x position, v velocity, s stopping point, u told velocity; world metres and m/s.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,14 +26,23 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.planner.config import AvoidanceConfig, FlightSpace
-from server.planner.halfspaces import least_violating_velocity, nearest_velocity
-from server.planner.paths import column
+from server.planner.halfspaces import (
+    Ball,
+    Row,
+    Vector,
+    least_violating_velocity,
+    nearest_velocity,
+)
+from server.planner.sidestep import Bounds, Mover, sidestepped
+from server.planner.velocity_obstacles import (
+    box_direction,
+    reciprocal_row,
+    stretched,
+    wall_speed,
+)
 from server.stages import CameraPose
 
 Array = NDArray[np.float64]
-
-# A drone that wants to move slower than this is as good as at its goal.
-_PARKED_M_S = 0.03
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +55,8 @@ class Agent:
         velocity_world: Present velocity ``(3,)``, m/s.
         preferred_world: Velocity ``(3,)`` it would take if it were alone, m/s.
         sigma_m: Standard deviation of its position.
+        yields: False for a drone that will not follow what it is told (held, taking off, landing):
+            the others then make all of the room.
     """
 
     drone_id: str
@@ -48,22 +64,28 @@ class Agent:
     velocity_world: Array
     preferred_world: Array
     sigma_m: float = 0.0
+    yields: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacle:
-    """Something to fly around, never over.
+    """Something to keep away from.
 
     Attributes:
         box: Its outer box.
-        standoff_m: Least horizontal distance to it.
+        standoff_m: Least distance to it.
+        endless: True when nobody may fly above or below it either (the object), False for a volume
+            that may be passed above and below.
     """
 
     box: Box3
     standoff_m: float
+    endless: bool = True
 
 
-def agent_from_pose(pose: CameraPose, velocity_world: Array, preferred_world: Array) -> Agent:
+def agent_from_pose(
+    pose: CameraPose, velocity_world: Array, preferred_world: Array, yields: bool = True
+) -> Agent:
     """Return the agent for a drone at ``pose``."""
     return Agent(
         pose.drone_id,
@@ -71,6 +93,7 @@ def agent_from_pose(pose: CameraPose, velocity_world: Array, preferred_world: Ar
         velocity_world,
         preferred_world,
         pose.position_sigma_m,
+        yields,
     )
 
 
@@ -83,188 +106,235 @@ def avoid(
 ) -> list[Array]:
     """Return a safe velocity ``(3,)`` in the world, m/s, per agent, as near as can be to preferred.
 
+    An agent with a position that is not finite is told to hover, and nobody can avoid it.
+
     Args:
         agents: All flying drones, also those that only hover.
-        obstacles: The object and whatever else is known.
+        obstacles: The object, no-go volumes and whatever else is known.
         fence: Fence, floor and ceiling.
         config: Radii and horizons.
         dt_s: Time until the next call; nothing is recovered from in less.
     """
-    velocities = []
-    for index, agent in enumerate(agents):
-        others = [other for i, other in enumerate(agents) if i != index]
-        rows = [reciprocal_row(agent, other, config, dt_s) for other in others]
-        soft = [True] * len(rows)
-        for row in fence_rows(agent.position_world, fence, config):
-            rows.append(row)
-            soft.append(True)
-        for obstacle in obstacles:
-            rows.append(obstacle_row(agent.position_world, obstacle, config))
-            soft.append(False)
-        normals = np.array([normal for normal, _ in rows])
-        offsets = np.array([offset for _, offset in rows])
-        wanted = _with_sidestep(agent, others, obstacles, index, config)
-        velocity = nearest_velocity(wanted, normals, offsets, config.speed_max_m_s)
-        if velocity is None:
-            velocity = least_violating_velocity(
-                wanted, normals, offsets, config.speed_max_m_s, np.array(soft)
-            )
-        velocities.append(velocity)
-    return velocities
+    boxes = [bounds_of(obstacle) for obstacle in obstacles]
+    movers = movers_of(agents, boxes, fence, config)
+    everyone = range(len(movers))
+    rows = [_rows(i, movers, boxes, fence, config, dt_s) for i in everyone]
+    found = [_nearest(movers[i], rows[i], config) for i in everyone]
+    if None in found:
+        movers = [
+            _calmed(mover, config) if velocity is None else mover
+            for mover, velocity in zip(movers, found, strict=True)
+        ]
+        rows = [_rows(i, movers, boxes, fence, config, dt_s) for i in everyone]
+        found = [
+            _nearest(movers[i], rows[i], config) or _compromise(i, movers, rows[i], config)
+            for i in everyone
+        ]
+    return [np.array(velocity) for velocity in found]
 
 
-def protected_radius(agent: Agent, config: AvoidanceConfig) -> float:
-    """Return the radius in metres of the agent's sphere, grown by what is unsure about its pose."""
-    margin = min(config.sigma_factor * agent.sigma_m, config.sigma_margin_max_m)
-    return config.radius_m + margin
-
-
-def reciprocal_row(
-    agent: Agent, other: Agent, config: AvoidanceConfig, dt_s: float
-) -> tuple[Array, float]:
-    """Return normal ``(3,)`` and offset of the half-space that ``agent`` owes ``other``."""
-    squash = np.array([1.0, 1.0, 1.0 / config.downwash_factor])
-    p = squash * (other.position_world - agent.position_world)
-    own = squash * agent.velocity_world
-    v = own - squash * other.velocity_world
-    R = protected_radius(agent, config) + protected_radius(other, config)
-    normal, depth = _way_out(p, v, R, config, dt_s)
-    offset = float(normal @ own + depth / 2.0)
-    # Back to true heights: normal . (squash v) = (squash normal) . v.
-    normal = squash * normal
-    length = float(np.linalg.norm(normal))
-    return normal / length, offset / length
-
-
-def obstacle_row(
-    position: Array, obstacle: Obstacle, config: AvoidanceConfig
-) -> tuple[Array, float]:
-    """Return the half-space that keeps the standoff to ``obstacle``."""
-    box = column(obstacle.box)
-    away = position - np.clip(position, box.lower, box.upper)
-    distance = float(np.linalg.norm(away))
-    if distance < 1e-6:
-        # Inside: out through the centre's far side, the only direction that is surely right.
-        away = position - box.centre
-        away[2] = 0.0
-        if np.linalg.norm(away) < 1e-6:
-            away = np.array([1.0, 0.0, 0.0])
-    normal = away / np.linalg.norm(away)
-    return normal, _wall_offset(distance - obstacle.standoff_m, config)
-
-
-def fence_rows(
-    position: Array, fence: FlightSpace, config: AvoidanceConfig
-) -> list[tuple[Array, float]]:
-    """Return the half-spaces of fence, floor and ceiling."""
-    radius = float(np.hypot(position[0], position[1]))
-    rows = [
-        (np.array([0.0, 0.0, 1.0]), _wall_offset(float(position[2]) - fence.floor_m, config)),
-        (np.array([0.0, 0.0, -1.0]), _wall_offset(fence.ceiling_m - float(position[2]), config)),
+def movers_of(
+    agents: Sequence[Agent], boxes: Sequence[Bounds], fence: FlightSpace, config: AvoidanceConfig
+) -> list[Mover]:
+    """Return the agents in plain numbers, their wishes turned by the right-hand rule."""
+    movers = [_mover(agent, config) for agent in agents]
+    radius_m = fence.fence_radius_m
+    wishes = [sidestepped(i, movers, boxes, radius_m, config) for i in range(len(movers))]
+    return [
+        mover._replace(wanted=wish, intended=wish if mover.yields else mover.velocity)
+        for mover, wish in zip(movers, wishes, strict=True)
     ]
+
+
+def bounds_of(obstacle: Obstacle) -> Bounds:
+    """Return the obstacle in plain numbers; an endless one reaches to infinity."""
+    lower, upper = _vector(obstacle.box.lower), _vector(obstacle.box.upper)
+    if obstacle.endless:
+        lower = lower[0], lower[1], -math.inf
+        upper = upper[0], upper[1], math.inf
+    return Bounds(lower, upper, obstacle.standoff_m)
+
+
+def protected_radius(sigma_m: float, config: AvoidanceConfig) -> float:
+    """Return the radius in metres of a drone's sphere, grown by what is unsure about its pose."""
+    return config.radius_m + _unsure(sigma_m, config)
+
+
+def drone_row(
+    movers: Sequence[Mover], index: int, other: int, config: AvoidanceConfig, dt_s: float
+) -> Row:
+    """Return the half-space that the drone ``index`` owes the drone ``other``."""
+    me, it = movers[index], movers[other]
+    squash = 1.0 / config.downwash_factor
+    p = _still_apart(me, it, squash)
+    if p == (0.0, 0.0, 0.0):
+        # One on top of the other: any way apart will do, but they must not choose the same.
+        p = (1e-6 if index < other else -1e-6), 0.0, 0.0
+    row = reciprocal_row(
+        p,
+        (me.intended[0], me.intended[1], squash * me.intended[2]),
+        (it.intended[0], it.intended[1], squash * it.intended[2]),
+        me.radius + it.radius,
+        0.5 if it.yields else 1.0,
+        (config.horizon_s, max(config.recovery_s, dt_s)),
+    )
+    return stretched(row, config.downwash_factor)
+
+
+def wall_rows(
+    mover: Mover, boxes: Sequence[Bounds], fence: FlightSpace, config: AvoidanceConfig
+) -> list[Row]:
+    """Return the half-spaces of boxes, floor, ceiling and fence.
+
+    Uncertainty keeps drones farther from boxes. Fence, floor and ceiling have that margin already:
+    the planner's lie within the safety limits.
+    """
+    x, y, z = mover.stop
+    times = config.wall_horizon_s, config.recovery_s, 0.5 * config.speed_max_m_s
+    rows: list[Row] = []
+    for box in boxes:
+        (nx, ny, nz), distance = box_direction(mover.position, box.lower, box.upper)
+        # As between drones, only what stopping brings nearer counts.
+        distance += min(0.0, _dot((nx, ny, nz), mover.stop) - _dot((nx, ny, nz), mover.position))
+        free_m = distance - box.standoff_m - (mover.radius - config.radius_m)
+        rows.append((nx, ny, nz, wall_speed(free_m, *times)))
+    rows.append((0.0, 0.0, 1.0, wall_speed(z - fence.floor_m, *times)))
+    rows.append((0.0, 0.0, -1.0, wall_speed(fence.ceiling_m - z, *times)))
+    radius = math.hypot(x, y)
     if radius > 1e-6:
-        inwards = np.array([-position[0] / radius, -position[1] / radius, 0.0])
-        rows.append((inwards, _wall_offset(fence.fence_radius_m - radius, config)))
+        outside = wall_speed(fence.fence_radius_m - radius, *times)
+        rows.append((-x / radius, -y / radius, 0.0, outside))
     return rows
 
 
-def _wall_offset(free_m: float, config: AvoidanceConfig) -> float:
-    """Return the least velocity away from a wall that is ``free_m`` away (negative: behind it)."""
-    return (
-        float(max(-free_m / config.wall_horizon_s, -10.0))
-        if free_m > 0
-        else float(min(-free_m / config.recovery_s, 0.5 * config.speed_max_m_s))
+def _rows(
+    index: int,
+    movers: Sequence[Mover],
+    boxes: Sequence[Bounds],
+    fence: FlightSpace,
+    config: AvoidanceConfig,
+    dt_s: float,
+) -> list[tuple[Row, float]]:
+    """Return what binds a drone: half-spaces, and how much of a compromise each may bear."""
+    me = movers[index]
+    if not me.known:
+        return []
+    rows = [(row, 0.0) for row in wall_rows(me, boxes, fence, config)]
+    for other, it in enumerate(movers):
+        if other != index and it.known:
+            give = _give(_apart(me.position, it.position, 1.0 / config.downwash_factor), config)
+            rows.append((drone_row(movers, index, other, config, dt_s), give))
+    # Rows that every velocity within the speed limit satisfies cost only time.
+    return [pair for pair in rows if pair[0][3] > -config.speed_max_m_s]
+
+
+def _nearest(mover: Mover, rows: list[tuple[Row, float]], config: AvoidanceConfig) -> Vector | None:
+    """Return the velocity nearest to the wish that every row allows, None if there is none."""
+    if not mover.known:
+        return 0.0, 0.0, 0.0
+    return nearest_velocity(mover.wanted, [row for row, _ in rows], *_limits(mover, config))
+
+
+def _compromise(
+    index: int, movers: Sequence[Mover], rows: list[tuple[Row, float]], config: AvoidanceConfig
+) -> Vector:
+    mover = movers[index]
+    normals, gives = [row for row, _ in rows], [give for _, give in rows]
+    return least_violating_velocity(mover.wanted, normals, gives, *_limits(mover, config))
+
+
+def _limits(mover: Mover, config: AvoidanceConfig) -> tuple[Ball, Ball]:
+    """Return the speed limit and what can be told without too much acceleration.
+
+    With a first-order lag the acceleration is (u - v) / lag.
+    """
+    reach = config.acceleration_max_m_s2 * config.lag_s
+    return Ball((0.0, 0.0, 0.0), config.speed_max_m_s), Ball(mover.velocity, reach)
+
+
+def _calmed(mover: Mover, config: AvoidanceConfig) -> Mover:
+    """Return the drone with less of its wish left, the faster it flies.
+
+    If nobody wished to move, standing still would always be allowed; so who finds no way wishes
+    less. Drones that hardly move keep their wish: else a crowd would stand for ever.
+    """
+    if not mover.yields:
+        return mover
+    x, y, z = mover.intended
+    keep = 1.0 - config.calm_share * min(1.0, math.hypot(*mover.velocity) / config.speed_max_m_s)
+    return mover._replace(intended=(keep * x, keep * y, keep * z))
+
+
+def _still_apart(me: Mover, it: Mover, squash: float) -> Vector:
+    """Return where the other drone is, nearer by the way that both still come closer in stopping.
+
+    Heights are squashed. What stopping moves sideways does not count: passing a drone begins only
+    when the lag is over.
+    """
+    p, s = it.position, it.stop
+    x, y, z = p[0] - me.position[0], p[1] - me.position[1], squash * (p[2] - me.position[2])
+    squared = x * x + y * y + z * z
+    if squared < 1e-12:
+        return 0.0, 0.0, 0.0
+    along = x * (s[0] - me.stop[0]) + y * (s[1] - me.stop[1]) + squash * z * (s[2] - me.stop[2])
+    # However fast they close in, the direction to the other one must not be lost.
+    left = min(1.0, max(1e-3, along / squared))
+    return left * x, left * y, left * z
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _apart(a: Vector, b: Vector, squash: float) -> float:
+    return math.hypot(b[0] - a[0], b[1] - a[1], squash * (b[2] - a[2]))
+
+
+def _give(apart_m: float, config: AvoidanceConfig) -> float:
+    """Return how much a drone's row may bear: those that are near have least to give."""
+    share = (apart_m - config.radius_m) / (config.speed_max_m_s * config.horizon_s)
+    return min(max(share, 0.1), 1.0)
+
+
+def _mover(agent: Agent, config: AvoidanceConfig) -> Mover:
+    """Return the agent in plain numbers, with nonsense in its velocities taken out."""
+    position = _vector(agent.position_world)
+    known = all(map(math.isfinite, position))
+    velocity = _limited(_vector(agent.velocity_world), config.speed_max_m_s)
+    ahead_s = config.lag_s + config.latency_s
+    return Mover(
+        position=position,
+        velocity=velocity,
+        stop=(
+            position[0] + ahead_s * velocity[0],
+            position[1] + ahead_s * velocity[1],
+            position[2] + ahead_s * velocity[2],
+        ),
+        wanted=_limited(_vector(agent.preferred_world), config.speed_max_m_s),
+        intended=velocity,
+        radius=protected_radius(agent.sigma_m, config),
+        yields=agent.yields,
+        known=known,
     )
 
 
-def _way_out(
-    p: Array, v: Array, R: float, config: AvoidanceConfig, dt_s: float
-) -> tuple[Array, float]:
-    """Return unit normal and depth u of the shortest way of ``v`` out of the velocity obstacle."""
-    gap = float(p @ p) - R * R
-    if gap <= 0.0:
-        # Already too close: be R apart after the recovery time.
-        time_s = max(config.recovery_s, dt_s)
-        return _out_of_ball(p, v, R, time_s)
-    tau = config.horizon_s
-    w = v - p / tau
-    along = float(w @ p)
-    if along < 0.0 and along**2 > R * R * float(w @ w):
-        return _out_of_ball(p, v, R, tau)
-    # Nearest point on the cone's mantle: v shifted along the axis until it is R from it.
-    a = float(p @ p)
-    b = float(p @ v)
-    crossed = np.cross(p, v)
-    c = float(v @ v) - float(crossed @ crossed) / gap
-    t = (b + np.sqrt(max(b * b - a * c, 0.0))) / a
-    aside = v - t * p
-    length = float(np.linalg.norm(aside))
-    if length < 1e-9:
-        # Exactly along the axis every side is as near; the mantle leans by the cone's angle.
-        return (np.sqrt(gap) * _any_normal(p) - R * p / np.sqrt(a)) / np.sqrt(a), R * t
-    return aside / length, R * t - length
+def _unsure(sigma_m: float, config: AvoidanceConfig) -> float:
+    margin = config.sigma_factor * sigma_m
+    # Written so that NaN becomes the greatest margin.
+    return margin if margin < config.sigma_margin_max_m else config.sigma_margin_max_m
 
 
-def _out_of_ball(p: Array, v: Array, R: float, time_s: float) -> tuple[Array, float]:
-    w = v - p / time_s
-    length = float(np.linalg.norm(w))
-    if length < 1e-9:
-        return _any_normal(p), R / time_s
-    return w / length, R / time_s - length
+def _vector(values: Array) -> Vector:
+    x, y, z = np.asarray(values, float).tolist()
+    return x, y, z
 
 
-def _any_normal(p: Array) -> Array:
-    """Return a unit vector across ``p``; two drones with opposite ``p`` get opposite ones."""
-    across = np.cross(p, [0.0, 0.0, 1.0])
-    if np.linalg.norm(across) < 1e-9:
-        across = np.array([np.sign(p[2]) or 1.0, 0.0, 0.0])
-    return across / np.linalg.norm(across)
-
-
-def _with_sidestep(
-    agent: Agent,
-    others: Sequence[Agent],
-    obstacles: Sequence[Obstacle],
-    index: int,
-    config: AvoidanceConfig,
-) -> Array:
-    """Return the preferred velocity, turned a little aside for every drone ahead.
-
-    Reciprocal avoidance is symmetric: drones that meet head-on would brake and stand for ever.
-    All passing on the right resolves it, and the same way every time. A drone that hovers at its
-    goal will not make room, so it is passed on the side away from the object, and with more will.
-    """
-    wanted = agent.preferred_world
-    speed = float(np.linalg.norm(wanted))
-    if speed < _PARKED_M_S:
-        return wanted
-    heading = wanted / speed
-    right = np.cross(heading, [0.0, 0.0, 1.0])
-    if np.linalg.norm(right) < 0.1:
-        # Straight up or down there is no right; each drone has its own way aside.
-        right = np.array([np.cos(2.4 * index), np.sin(2.4 * index), 0.0])
-    right = right / np.linalg.norm(right)
-    reach = 2.0 * config.radius_m + config.speed_max_m_s * config.horizon_s
-    step = np.zeros(3)
-    for other in others:
-        towards = other.position_world - agent.position_world
-        distance = float(np.linalg.norm(towards))
-        if not (1e-9 < distance < reach and float(towards @ heading) > 0.3 * distance):
-            continue
-        will = config.sidestep * speed * (1.0 - distance / reach)
-        if float(np.linalg.norm(other.preferred_world)) < _PARKED_M_S:
-            open_side = right * (1.0 if _away_from(obstacles, other) @ right >= 0.0 else -1.0)
-            step += config.parked_factor * will * open_side
-        else:
-            step += will * right
-    return wanted + step
-
-
-def _away_from(obstacles: Sequence[Obstacle], agent: Agent) -> Array:
-    """Return the sum of horizontal unit vectors ``(3,)`` from the obstacles to ``agent``."""
-    total = np.zeros(3)
-    for obstacle in obstacles:
-        away = agent.position_world - obstacle.box.centre
-        away[2] = 0.0
-        total += away / max(float(np.linalg.norm(away)), 1e-9)
-    return total
+def _limited(v: Vector, speed_max: float) -> Vector:
+    """Return ``v`` no faster than ``speed_max``; standing when it is not finite."""
+    speed = math.hypot(*v)
+    if speed <= speed_max:
+        return v
+    if not math.isfinite(speed):
+        return 0.0, 0.0, 0.0
+    share = speed_max / speed
+    return share * v[0], share * v[1], share * v[2]

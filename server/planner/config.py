@@ -27,7 +27,7 @@ class FlightSpace:
         downwash_factor: How many times the separation two drones keep when one is above the other.
     """
 
-    fence_radius_m: float = 4.2
+    fence_radius_m: float = 4.0
     floor_m: float = 0.45
     ceiling_m: float = 2.0
     standoff_m: float = 0.9
@@ -263,8 +263,13 @@ class AvoidanceConfig:
         wall_horizon_s: Time in which the free distance to object or fence may be used up.
         recovery_s: Time in which drones that are already too close shall be apart again.
         speed_max_m_s: Greatest speed.
+        lag_s: Time constant with which a drone takes up a new velocity, seconds.
+        latency_s: Age of what is believed plus the time until a setpoint takes effect, seconds.
+        acceleration_max_m_s2: Greatest acceleration a setpoint may ask for.
         sidestep: Share of the speed given to passing on the right of a drone ahead.
+        sidestep_stalled: Further share that is added as a drone makes less progress.
         parked_factor: How many times more of it is given to passing a drone that hovers.
+        calm_share: Share of its wish that a drone at full speed gives up when no velocity is safe.
         downwash_factor: How many times the distance is kept vertically.
     """
 
@@ -275,15 +280,36 @@ class AvoidanceConfig:
     wall_horizon_s: float = 1.0
     recovery_s: float = 0.8
     speed_max_m_s: float = 0.5
+    lag_s: float = 0.35
+    latency_s: float = 0.1
+    acceleration_max_m_s2: float = 1.5
     sidestep: float = 0.15
+    sidestep_stalled: float = 0.6
     parked_factor: float = 5.0
+    calm_share: float = 0.5
     downwash_factor: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("radius_m", "horizon_s", "wall_horizon_s", "recovery_s", "speed_max_m_s"):
+        for name in (
+            "radius_m",
+            "horizon_s",
+            "wall_horizon_s",
+            "recovery_s",
+            "speed_max_m_s",
+            "lag_s",
+            "acceleration_max_m_s2",
+        ):
             _require(getattr(self, name) > 0, name, "positive")
-        for name in ("sigma_factor", "sigma_margin_max_m", "sidestep", "parked_factor"):
+        for name in (
+            "sigma_factor",
+            "sigma_margin_max_m",
+            "latency_s",
+            "sidestep",
+            "sidestep_stalled",
+            "parked_factor",
+        ):
             _require(getattr(self, name) >= 0, name, "at least 0")
+        _require(0 <= self.calm_share <= 1, "calm_share", "in [0, 1]")
         _require(self.downwash_factor >= 1, "downwash_factor", "at least 1")
 
 

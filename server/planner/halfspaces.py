@@ -1,128 +1,200 @@
-"""The velocity nearest to a wanted one that satisfies half-spaces and a speed limit.
+"""The velocity nearest to a wanted one that satisfies half-spaces and speed limits.
 
-Symbols: row i of ``normals`` ``(n, 3)`` and ``offsets`` ``(n,)`` asks n_i . v >= o_i; normals have
-unit length; velocities in m/s. There are only a dozen rows, so the solver simply tries every set of
-one, two or three rows that may hold with equality, which cannot cycle or diverge.
+Symbols: a row ``(nx, ny, nz, o)`` asks n . v >= o of a velocity v, with n of unit length; a ball
+asks for |v - centre| <= radius; all in m/s. Numbers are plain floats, because a dozen rows in three
+dimensions are too few for arrays to pay.
+
+The nearest point of a convex set is found by adding one row after the other: while a new row holds
+at the optimum so far, that stays; otherwise the new optimum lies on the row's plane, which is the
+same problem with one dimension less (Seidel, "Small-dimensional linear programming and convex
+hulls made easy", 1991; van den Berg et al. 2011 use the same idea for ORCA). On a line the problem
+is an interval. Nothing iterates to a tolerance, so nothing can fail to converge.
 """
 
 from __future__ import annotations
 
-from itertools import combinations
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
+Vector = tuple[float, float, float]
+Row = tuple[float, float, float, float]
 
-Array = NDArray[np.float64]
+# How far, in m/s, a row may be violated and still count as satisfied.
+_TOLERANCE = 1e-9
+# Squared sine of the angle under which two planes count as parallel.
+_PARALLEL = 1e-14
+# Each halves the interval of the least relaxation, which begins below 2 m/s.
+_BISECTIONS = 20
 
-_TOLERANCE = 1e-7
-_BISECTIONS = 24
+
+class Ball(NamedTuple):
+    """All velocities within ``radius`` of ``centre``, m/s."""
+
+    centre: Vector
+    radius: float
 
 
 def nearest_velocity(
-    wanted: Array, normals: Array, offsets: Array, speed_max: float
-) -> Array | None:
-    """Return the velocity ``(3,)`` nearest to ``wanted`` that every row and the speed limit allow.
+    wanted: Vector, rows: Sequence[Row], ball: Ball, second: Ball | None = None
+) -> Vector | None:
+    """Return the velocity nearest to ``wanted`` inside all rows and balls, None if there is none.
 
-    None when there is no such velocity.
+    With two balls the optimum touches only one of them, which is then the optimum with that ball
+    alone, or both; then it lies on the plane through the circle where the two spheres meet.
     """
-    clipped = _clip(wanted, speed_max)
-    slack = normals @ clipped - offsets
-    if (slack >= -_TOLERANCE).all():
-        return clipped
-    # The optimum of one violated row alone is the optimum of all when it satisfies the others.
-    single = _on_planes(wanted, normals, offsets, speed_max)
-    best = _nearest_feasible(single[slack < -_TOLERANCE], wanted, normals, offsets, speed_max)
-    if best is not None:
-        return best
-    candidates = [
-        single,
-        _on_lines(wanted, normals, offsets, speed_max),
-        _on_corners(normals, offsets),
-    ]
-    return _nearest_feasible(np.concatenate(candidates), wanted, normals, offsets, speed_max)
+    found = _in_space(wanted, rows, ball)
+    if found is None or second is None or _inside(found, second):
+        return found
+    found = _in_space(wanted, rows, second)
+    if found is None or _inside(found, ball):
+        return found
+    plane = _plane_between(ball, second)
+    return None if plane is None else _on_plane(plane, wanted, rows, ball)
 
 
 def least_violating_velocity(
-    wanted: Array, normals: Array, offsets: Array, speed_max: float, soft: NDArray[np.bool_]
-) -> Array:
-    """Return the nearest velocity after relaxing the ``soft`` rows ``(n,)`` as little as needed.
+    wanted: Vector,
+    rows: Sequence[Row],
+    give: Sequence[float],
+    ball: Ball,
+    second: Ball | None = None,
+) -> Vector:
+    """Return the nearest velocity after relaxing the rows as little as needed.
 
-    All of them are relaxed equally. When even that does not help, every row is relaxed.
+    Args:
+        wanted: The velocity to be near to.
+        rows: Half-spaces that contradict one another.
+        give: Per row the share, 0..1, of the common relaxation that it gets; 0 for one that stays
+            as it is. When that does not help, all rows are relaxed equally.
+        ball: A limit that is never relaxed.
+        second: Another one, which must meet the first.
     """
-    for relaxable in (soft, np.ones(len(soft), bool)):
-        if not relaxable.any():
-            continue
-        # With this much slack the rows allow standing still, which the speed limit does too.
-        high = float(np.max(offsets[relaxable])) + 1e-6
+    for shares in (give, [1.0] * len(rows)):
+        # No velocity inside the ball violates a row by more.
+        reach = ball.radius + math.hypot(*ball.centre)
+        high = max(((r[3] + reach) / g for r, g in zip(rows, shares, strict=True) if g), default=0)
         low = 0.0
-        best = nearest_velocity(wanted, normals, offsets - high * relaxable, speed_max)
+        best = nearest_velocity(wanted, _relaxed(rows, shares, high), ball, second)
         if best is None:
             continue
         for _ in range(_BISECTIONS):
             middle = (low + high) / 2.0
-            trial = nearest_velocity(wanted, normals, offsets - middle * relaxable, speed_max)
+            trial = nearest_velocity(wanted, _relaxed(rows, shares, middle), ball, second)
             if trial is None:
                 low = middle
             else:
                 best, high = trial, middle
         return best
-    return np.zeros(3)
+    # Two balls that hardly touch: their common point is the only choice.
+    return nearest_velocity(wanted, [], ball, second) or ball.centre
 
 
-def _clip(velocity: Array, speed_max: float) -> Array:
-    speed = float(np.linalg.norm(velocity))
-    return velocity if speed <= speed_max else velocity * (speed_max / speed)
+def _relaxed(rows: Sequence[Row], shares: Sequence[float], by: float) -> list[Row]:
+    return [
+        (row[0], row[1], row[2], row[3] - by * share) if share else row
+        for row, share in zip(rows, shares, strict=True)
+    ]
 
 
-def _nearest_feasible(
-    candidates: Array, wanted: Array, normals: Array, offsets: Array, speed_max: float
-) -> Array | None:
-    if len(candidates) == 0:
+def _inside(v: Vector, ball: Ball) -> bool:
+    (x, y, z), radius = ball
+    limit = radius + _TOLERANCE
+    return (v[0] - x) ** 2 + (v[1] - y) ** 2 + (v[2] - z) ** 2 <= limit * limit
+
+
+def _plane_between(ball: Ball, second: Ball) -> Row | None:
+    """Return the plane of the circle in which the two spheres meet, None if they do not."""
+    (ax, ay, az), a = ball
+    (bx, by, bz), b = second
+    x, y, z = bx - ax, by - ay, bz - az
+    apart = math.sqrt(x * x + y * y + z * z)
+    if apart < 1e-12 or apart > a + b:
         return None
-    with np.errstate(invalid="ignore"):
-        holds = (candidates @ normals.T >= offsets - _TOLERANCE).all(axis=1)
-        holds &= np.linalg.norm(candidates, axis=1) <= speed_max + _TOLERANCE
-    if not holds.any():
+    x, y, z = x / apart, y / apart, z / apart
+    along = (apart * apart + a * a - b * b) / (2.0 * apart)
+    return x, y, z, along + x * ax + y * ay + z * az
+
+
+def _in_space(wanted: Vector, rows: Sequence[Row], ball: Ball) -> Vector | None:
+    """Return the optimum over all rows, with one ball."""
+    (cx, cy, cz), radius = ball
+    x, y, z = wanted[0] - cx, wanted[1] - cy, wanted[2] - cz
+    length = math.sqrt(x * x + y * y + z * z)
+    shrink = radius / length if length > radius else 1.0
+    v = cx + shrink * x, cy + shrink * y, cz + shrink * z
+    for index, row in enumerate(rows):
+        if row[0] * v[0] + row[1] * v[1] + row[2] * v[2] < row[3] - _TOLERANCE:
+            found = _on_plane(row, wanted, rows[:index], ball)
+            if found is None:
+                return None
+            v = found
+    return v
+
+
+def _on_plane(plane: Row, wanted: Vector, rows: Sequence[Row], ball: Ball) -> Vector | None:
+    """Return the optimum over ``rows`` on a plane, where the ball is a disc."""
+    nx, ny, nz, o = plane
+    (cx, cy, cz), radius = ball
+    height = o - nx * cx - ny * cy - nz * cz
+    squared = radius * radius - height * height
+    if squared < 0.0:
         return None
-    feasible = candidates[holds]
-    return feasible[np.linalg.norm(feasible - wanted, axis=1).argmin()]
+    radius = math.sqrt(squared)
+    cx, cy, cz = cx + height * nx, cy + height * ny, cz + height * nz
+    height = o - nx * wanted[0] - ny * wanted[1] - nz * wanted[2]
+    x = wanted[0] + height * nx - cx
+    y = wanted[1] + height * ny - cy
+    z = wanted[2] + height * nz - cz
+    length = math.sqrt(x * x + y * y + z * z)
+    shrink = radius / length if length > radius else 1.0
+    v = cx + shrink * x, cy + shrink * y, cz + shrink * z
+    for index, row in enumerate(rows):
+        if row[0] * v[0] + row[1] * v[1] + row[2] * v[2] < row[3] - _TOLERANCE:
+            found = _on_line(plane, row, wanted, rows[:index], ball)
+            if found is None:
+                return None
+            v = found
+    return v
 
 
-def _on_planes(wanted: Array, normals: Array, offsets: Array, speed_max: float) -> Array:
-    """Return per row the point of its plane, inside the speed limit, nearest to ``wanted``."""
-    foot = wanted + (offsets - normals @ wanted)[:, None] * normals
-    centre = offsets[:, None] * normals
-    aside = foot - centre
-    length = np.linalg.norm(aside, axis=1, keepdims=True)
-    # With the wanted velocity straight above the plane's centre any direction is as near.
-    fallback = np.cross(normals, np.roll(normals, 1, axis=1) + np.array([0.3, 0.5, 0.7]))
-    fallback /= np.maximum(np.linalg.norm(fallback, axis=1, keepdims=True), 1e-12)
-    unit = np.where(length > 1e-12, aside / np.maximum(length, 1e-12), fallback)
-    reach = np.sqrt(np.maximum(speed_max**2 - offsets**2, 0.0))[:, None]
-    return centre + np.minimum(length, reach) * unit
-
-
-def _on_lines(wanted: Array, normals: Array, offsets: Array, speed_max: float) -> Array:
-    """Return, per pair of rows, the points of their common line that may be nearest."""
-    pairs = np.array(list(combinations(range(len(normals)), 2)), dtype=np.intp).reshape(-1, 2)
-    n, m = normals[pairs[:, 0]], normals[pairs[:, 1]]
-    p, q = offsets[pairs[:, 0]], offsets[pairs[:, 1]]
-    along = np.cross(n, m)
-    squared = (along**2).sum(axis=1)
-    crossing = squared > 1e-10
-    n, m, p, q, along, squared = (a[crossing] for a in (n, m, p, q, along, squared))
-    point = (p[:, None] * np.cross(m, along) + q[:, None] * np.cross(along, n)) / squared[:, None]
-    along = along / np.sqrt(squared)[:, None]
-    foot = point + ((wanted - point) * along).sum(axis=1, keepdims=True) * along
-    # ``point`` is the line's nearest to the origin, so the speed limit cuts it symmetrically.
-    half = np.sqrt(np.maximum(speed_max**2 - (point**2).sum(axis=1), 0.0))[:, None]
-    return np.concatenate([foot, point + half * along, point - half * along])
-
-
-def _on_corners(normals: Array, offsets: Array) -> Array:
-    """Return the common points of every three rows."""
-    triples = np.array(list(combinations(range(len(normals)), 3)), dtype=np.intp).reshape(-1, 3)
-    matrices = normals[triples]
-    regular = np.abs(np.linalg.det(matrices)) > 1e-6
-    corners = np.linalg.solve(matrices[regular], offsets[triples][regular][..., None])
-    return np.asarray(corners[..., 0], np.float64)
+def _on_line(
+    first: Row, second: Row, wanted: Vector, rows: Sequence[Row], ball: Ball
+) -> Vector | None:
+    """Return the optimum over ``rows`` on the line where two planes meet."""
+    nx, ny, nz, p = first
+    mx, my, mz, q = second
+    dx, dy, dz = ny * mz - nz * my, nz * mx - nx * mz, nx * my - ny * mx
+    squared = dx * dx + dy * dy + dz * dz
+    if squared < _PARALLEL:
+        # The second row is violated all over the first one's plane.
+        return None
+    # The line's point nearest to the origin: (p m x d + q d x n) / |d|^2.
+    x = (p * (my * dz - mz * dy) + q * (dy * nz - dz * ny)) / squared
+    y = (p * (mz * dx - mx * dz) + q * (dz * nx - dx * nz)) / squared
+    z = (p * (mx * dy - my * dx) + q * (dx * ny - dy * nx)) / squared
+    length = math.sqrt(squared)
+    dx, dy, dz = dx / length, dy / length, dz / length
+    (cx, cy, cz), radius = ball
+    middle = dx * (cx - x) + dy * (cy - y) + dz * (cz - z)
+    ex, ey, ez = x + middle * dx - cx, y + middle * dy - cy, z + middle * dz - cz
+    squared = radius * radius - ex * ex - ey * ey - ez * ez
+    if squared < 0.0:
+        return None
+    half = math.sqrt(squared)
+    low, high = middle - half, middle + half
+    for kx, ky, kz, o in rows:
+        rises = kx * dx + ky * dy + kz * dz
+        missing = o - kx * x - ky * y - kz * z
+        if abs(rises) < 1e-9:
+            if missing > _TOLERANCE:
+                return None
+        elif rises > 0.0:
+            low = max(low, missing / rises)
+        else:
+            high = min(high, missing / rises)
+        if low > high:
+            return None
+    t = dx * (wanted[0] - x) + dy * (wanted[1] - y) + dz * (wanted[2] - z)
+    t = min(max(t, low), high)
+    return x + t * dx, y + t * dy, z + t * dz

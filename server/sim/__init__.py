@@ -1,1 +1,1 @@
-"""Simulated Tellos: a rendered world, flight dynamics and drones that speak the real protocol."""
+"""Simulated Tellos: bodies, text protocol, faults, radio, video; on UDP or in one process."""

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
+from server.sim.faults import Fault
+from server.sim.words import LEVELS, SdkLevel
 from server.swarm.config import DRONE_COLOURS, MAX_DRONES, DroneConfig, FleetConfig
 
 
@@ -74,7 +76,8 @@ class SimConfig:
     Attributes:
         scene: Name of a scene or path of a .glb or .obj file.
         drones: How many, 1 to 8.
-        base_address: Loopback address of the first drone; the others follow.
+        base_address: Loopback address of the first drone; the others follow. In namespaces the
+            address of all, loopback or not.
         start_radius_m: Radius of the nominal start circle, metres.
         start_sigma_m: Spread of the start position on each axis, metres, capped at 20 cm in all.
         start_sigma_deg: Spread of the start heading, degrees, capped at 15.
@@ -84,6 +87,12 @@ class SimConfig:
         bitrate_kbit_s: Upper bound of each drone's video rate, kbit/s.
         truth_file: Where the true poses of rendered pictures go, for benches only; None: nowhere.
         dynamics: How the drones fly.
+        faults: What goes wrong, and when.
+        sdk: Text protocol the drones speak.
+        friendly_reads: True for reads answered with plain whole numbers, as some clients expect.
+        station: True for drones in a network of others instead of each with its own.
+        namespaces: Network namespaces of the drones, one each, where all have the same address;
+            empty: none, loopback addresses one after the other.
     """
 
     scene: str = "robot_dog"
@@ -98,6 +107,11 @@ class SimConfig:
     bitrate_kbit_s: int = 4000
     truth_file: Path | None = None
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    faults: tuple[Fault, ...] = ()
+    sdk: SdkLevel = "3.0"
+    friendly_reads: bool = False
+    station: bool = False
+    namespaces: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not 1 <= self.drones <= MAX_DRONES:
@@ -108,13 +122,21 @@ class SimConfig:
             raise ValueError(
                 f"base_address must be an IPv4 address, not {self.base_address!r}"
             ) from None
-        last = int(self.base_address.rsplit(".", 1)[1])
-        # Clients use the addresses 100 above the drones', see ``fleet_config``.
-        if not base.is_loopback or not 1 <= last <= 100 - self.drones:
+        if not self.namespaces:
+            self._check_loopback(base)
+        elif len(self.namespaces) != self.drones:
             raise ValueError(
-                "base_address must be a loopback address whose last number leaves room for all"
-                f" drones below 100, not {self.base_address!r}"
+                f"namespaces must be one for each of {self.drones} drones, not"
+                f" {len(self.namespaces)}"
             )
+        if self.sdk not in LEVELS:
+            raise ValueError(f"sdk must be one of {', '.join(LEVELS)}, not {self.sdk!r}")
+        ids = [self.drone_id(index) for index in range(self.drones)]
+        for fault in self.faults:
+            if fault.drone is not None and fault.drone not in ids:
+                raise ValueError(
+                    f"faults: {fault.kind} is for {fault.drone}, which is none of {', '.join(ids)}"
+                )
         if not 0.3 <= self.start_radius_m <= 5.0:
             raise ValueError(f"start_radius_m must be 0.3 to 5, not {self.start_radius_m!r}")
         for name in ("start_sigma_m", "start_sigma_deg"):
@@ -130,12 +152,23 @@ class SimConfig:
         if not 200 <= self.bitrate_kbit_s <= 20000:
             raise ValueError(f"bitrate_kbit_s must be 200 to 20000, not {self.bitrate_kbit_s!r}")
 
+    def _check_loopback(self, base: IPv4Address) -> None:
+        last = int(self.base_address.rsplit(".", 1)[1])
+        # Clients use the addresses 100 above the drones', see ``fleet_config``.
+        if not base.is_loopback or not 1 <= last <= 100 - self.drones:
+            raise ValueError(
+                "base_address must be a loopback address whose last number leaves room for all"
+                f" drones below 100, not {self.base_address!r}"
+            )
+
     def drone_id(self, index: int) -> str:
         """Return the id of the drone with ``index`` from 0."""
         return f"drone-{index + 1}"
 
     def address(self, index: int) -> str:
         """Return the address of the drone with ``index`` from 0."""
+        if self.namespaces:
+            return self.base_address
         return str(IPv4Address(self.base_address) + index)
 
     def azimuth_deg(self, index: int) -> float:
@@ -144,7 +177,7 @@ class SimConfig:
 
 
 def fleet_config(config: SimConfig) -> FleetConfig:
-    """Return the fleet that reaches the simulated drones.
+    """Return the fleet that reaches simulated drones on loopback addresses.
 
     Each drone gets a local address of its own, 100 above the drone's, so that the fixed state and
     video ports never clash on one machine.

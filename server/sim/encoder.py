@@ -13,10 +13,13 @@ import numpy as np
 from av.video.frame import PictureType
 from numpy.typing import NDArray
 
+from server.sim.parameter_sets import without_vui
+
 PIECE_BYTES = 1460
 KEY_PERIOD_S = 1.0
 
 _START = b"\0\0\1"
+_SEQUENCE_SET = 7
 _SENT_KINDS = (1, 5, 7, 8)  # Slices and parameter sets; the encoder's remarks stay here.
 
 
@@ -36,7 +39,8 @@ class VideoEncoder:
             "profile": "main",
             "crf": "21",
             "x264-params": (
-                "bframes=0:ref=1:slices=1:sliced-threads=0:scenecut=0:repeat-headers=1:"
+                # The preset leaves the arithmetic coder out, and with it the Main profile.
+                "cabac=1:level=4.0:bframes=0:ref=1:slices=1:sliced-threads=0:scenecut=0:repeat-headers=1:"
                 f"keyint=infinite:vbv-maxrate={bitrate_kbit_s}:vbv-bufsize={bitrate_kbit_s // 2}"
             ),
         }
@@ -62,6 +66,9 @@ class VideoEncoder:
         datagrams: list[bytes] = []
         for packet in self._codec.encode(picture):
             datagrams += datagrams_from_stream(bytes(packet))
+        # Of the parameter sets, only the sequence's says more than a real drone's does.
+        if datagrams and datagrams[0][4] & 0x1F == _SEQUENCE_SET:
+            datagrams[0] = datagrams[0][:4] + without_vui(datagrams[0][4:])
         return datagrams
 
 

@@ -1,55 +1,46 @@
-r"""The drone's side of the text protocol (EDU, SDK 2.0): datagrams in, datagrams out; no I/O.
+"""The drone's side of the text protocol (SDK 1.3, 2.0, 3.0): datagrams in and out; no I/O.
 
 Motion commands are answered when they are finished, and not queued. ``rc`` is never answered.
-Silent until ``command``. Heads of the vendor's loss-proof form (``Re`` + two label bytes + three
-more, then the command) are carried over to the replies and copies are carried out once.
-
-Flips, curves and mission pads are not simulated: ``flip``, ``curve``, ``jump`` and pad commands
-answer ``error``.
+Silent until ``command``. Nobody throws the drone after ``throwfly``, no mission pads lie on its
+floor and it has no expansion board.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from server.sim.copies import Copies, split_head
 from server.sim.dynamics import Airframe
+from server.sim.orders import RefusedError, order_of
+from server.sim.reads import read_reply, state_line
+from server.sim.settings import Settings
+from server.sim.words import (
+    OutOfRangeError,
+    SdkLevel,
+    UnknownCommandError,
+    numbers,
+    reads_of,
+    words_of,
+)
 
 Sender = tuple[str, int]
 Outgoing = tuple[bytes, Sender]
 
 AUTO_LAND_S = 15.0
 
-_HEAD_BYTES = 7
-_LABELS_KEPT = 32
-_UNSIMULATED = frozenset({"flip", "curve", "jump", "mon", "moff", "mdirection"})
-_NUMBER = re.compile(r"[+-]?\d+(\.\d+)?")
-
-# Word: (unit vector forward, left, up).
-_MOVES = {
-    "forward": (1.0, 0.0, 0.0),
-    "back": (-1.0, 0.0, 0.0),
-    "left": (0.0, 1.0, 0.0),
-    "right": (0.0, -1.0, 0.0),
-    "up": (0.0, 0.0, 1.0),
-    "down": (0.0, 0.0, -1.0),
-}
-
-
-class _OutOfRangeError(Exception):
-    """An argument is outside its documented range."""
-
-
-class _UnknownCommandError(Exception):
-    """Unknown word, wrong number of arguments or not a number."""
+_NETWORK_REBOOT_S = 3.0
+_TAKE_OFF_BATTERY_PCT = 10.0
+_TAKE_OFF_HOTTEST_C = 100.0
+_EMPTY_PCT = 5.0
+_THROW_S = 5.0
+_BOARD_WORDS = frozenset({"led", "mled", "tof?", "version?"})
+_STICK = (-100.0, 100.0)
 
 
 @dataclass(slots=True)
-class _Running:
-    """A motion command that waits for its end.
+class _Asker:
+    """Whom a command's reply goes to.
 
     Attributes:
         head: The loss-proof head its reply starts with.
@@ -65,81 +56,130 @@ class TextSdk:
 
     Attributes:
         client: Address that owns state and video, None before the first ``command``.
-        streaming: True between ``streamon`` and ``streamoff``.
+        settings: Ports, picture form and what else a client may set.
         auto_landing: True while the drone lands because nobody spoke to it.
-        key_picture_due: Set by ``streamon``; whoever encodes clears it.
+        restart_at_s: When the drone restarts because it was told to, None: it does not.
+        station: True when it is to join a network after the restart.
     """
 
-    def __init__(self, airframe: Airframe, serial: str) -> None:
+    def __init__(
+        self,
+        airframe: Airframe,
+        serial: str,
+        level: SdkLevel = "3.0",
+        *,
+        friendly_reads: bool = False,
+        station: bool = False,
+    ) -> None:
+        """Power the protocol side on.
+
+        Args:
+            airframe: The body it drives.
+            serial: Its serial number, 14 characters.
+            level: The SDK it speaks.
+            friendly_reads: True to answer reads with plain whole numbers.
+            station: True in a network of others; SDK 2.0 then sends no video.
+        """
         self.client: str | None = None
-        self.streaming = False
+        self.settings = Settings()
         self.auto_landing = False
-        self.key_picture_due = False
+        self.restart_at_s: float | None = None
+        self.station = station
         self._airframe = airframe
         self._serial = serial
-        self._running: _Running | None = None
+        self._level: SdkLevel = level
+        self._friendly = friendly_reads
+        self._blind = station and level == "2.0"
+        self._words, self._reads = words_of(level), reads_of(level)
+        self._copies = Copies()
+        self._running: _Asker | None = None
+        self._now_s = 0.0
         self._heard_s = 0.0
-        self._speed_cm_s = 100.0
-        self._labels: OrderedDict[bytes, bytes | None] = OrderedDict()
+        self._owner_heard_s = 0.0
+        self._throw_until_s: float | None = None
+
+    @property
+    def streaming(self) -> bool:
+        """True while video is switched on and can be had."""
+        return self.settings.streaming and not self._blind
+
+    @property
+    def key_picture_due(self) -> bool:
+        """Set by ``streamon``; whoever encodes clears it."""
+        return self.settings.key_picture_due
+
+    @key_picture_due.setter
+    def key_picture_due(self, due: bool) -> None:
+        self.settings.key_picture_due = due
 
     # Datagrams -------------------------------------------------------------------------------
 
     def receive(self, datagram: bytes, sender: Sender, now_s: float) -> list[Outgoing]:
         """Take one datagram and return the replies due at once."""
-        head = b""
-        if datagram.startswith(b"Re"):
-            head, datagram = datagram[:_HEAD_BYTES], datagram[_HEAD_BYTES:]
-            label = head[2:4]
-            if label in self._labels:
-                known = self._labels[label]
-                # A copy of a command that is still running is answered once, at its end.
-                return [] if known is None else [(head + known, sender)]
-            self._labels[label] = None
-            if len(self._labels) > _LABELS_KEPT:
-                self._labels.popitem(last=False)
-        text = datagram.decode("ascii", "replace").strip("\0\r\n ")
+        self._now_s = now_s
+        # Consumer drones take the loss-proof head for an unknown word.
+        head, command = (b"", datagram) if self._level == "1.3" else split_head(datagram)
+        text = command.decode("ascii", "replace").strip("\0\r\n ")
         if self.client is None and text != "command":
             return []
+        if head:
+            answers = self._copies.take(head, now_s)
+            if answers is not None:
+                return [(answer, sender) for answer in answers]
         self._heard_s = now_s
+        if sender[0] == self.client:
+            self._owner_heard_s = now_s
         out: list[Outgoing] = []
-        reply = self._carry_out(text, _Running(head, sender), out)
+        asker = _Asker(head, sender)
+        reply = self._carry_out(text, asker, out)
         if reply is not None:
-            out.append(self._reply(_Running(head, sender), reply))
+            out += self._reply(asker, reply)
         return out
 
     def tick(self, now_s: float) -> list[Outgoing]:
         """Return the replies due after the airframe made a step; watches the 15 s of silence."""
+        airframe = self._airframe
         out: list[Outgoing] = []
-        if self._airframe.finished:
+        self._now_s = now_s
+        if airframe.finished:
             if self._running is not None:
-                out.append(self._reply(self._running, "ok"))
+                out += self._reply(self._running, "ok")
                 self._running = None
                 # Its time under way does not count as silence.
                 self._heard_s = now_s
-            if self._airframe.phase == "standing":
+            if airframe.phase == "standing":
                 self.auto_landing = False
-        idle = self._running is None and self._airframe.phase == "flying"
-        low = self._airframe.battery_pct <= 5.0
-        silent = now_s - self._heard_s > AUTO_LAND_S
-        if idle and not self.auto_landing and (low or silent):
-            self.auto_landing = True
-            self._airframe.land()
+        if self._throw_until_s is not None and now_s >= self._throw_until_s:
+            self._throw_until_s = None
+            airframe.spinning = False
+        if self._running is None and airframe.phase == "flying" and not self.auto_landing:
+            low = airframe.battery_pct <= _EMPTY_PCT
+            if low or now_s - self._heard_s > AUTO_LAND_S:
+                self.auto_landing = True
+                airframe.land()
         return out
 
-    def _reply(self, running: _Running, text: str) -> Outgoing:
+    def state(self) -> bytes:
+        """Return the state report."""
+        return state_line(self._airframe, self._level, self.settings.looks_for_pads)
+
+    def _reply(self, asker: _Asker, text: str) -> list[Outgoing]:
         body = text.encode("ascii", "replace")
-        if running.head:
-            self._labels[running.head[2:4]] = body
-        return running.head + body, running.sender
+        if not asker.head:
+            return [(body, asker.sender)]
+        answers = self._copies.answer(asker.head, body, self._now_s)
+        return [(answer, asker.sender) for answer in answers]
 
     # Commands --------------------------------------------------------------------------------
 
-    def _carry_out(self, text: str, asker: _Running, out: list[Outgoing]) -> str | None:
+    def _carry_out(self, text: str, asker: _Asker, out: list[Outgoing]) -> str | None:
         """Carry out a command; return its reply, or None when there is none or none yet."""
         word, *arguments = text.split() or [""]
         try:
-            if text.endswith("?"):
+            if text.endswith("?") and not arguments:
                 return self._read(text[:-1])
+            if word not in self._words:
+                raise UnknownCommandError
             match word:
                 case "rc":
                     self._steer(arguments)
@@ -147,34 +187,50 @@ class TextSdk:
                 case "stop" | "emergency":
                     return self._interrupt(word, out)
                 case "command":
-                    self.client = asker.sender[0]
-                    return "ok"
-                case "streamon" | "streamoff":
-                    self.key_picture_due = word == "streamon"
-                    self.streaming = word == "streamon"
-                    return "ok"
-                case "speed":
-                    (self._speed_cm_s,) = _numbers(arguments, ((10.0, 100.0),))
-                    return "ok"
-            if word in _UNSIMULATED:
-                return "error"
-            return self._move(word, arguments, asker)
-        except _OutOfRangeError:
+                    return self._enter(asker.sender[0])
+                case "motoron" | "motoroff" | "throwfly":
+                    return self._idle(word, arguments)
+                case "wifi" | "ap" | "reboot":
+                    return self._restart(word, arguments)
+                case "EXT":
+                    return _without_board(arguments)
+            reply = self.settings.set(word, arguments)
+            return self._move(word, arguments, asker) if reply is None else reply
+        except OutOfRangeError:
             return "out of range"
-        except _UnknownCommandError:
-            return f"unknown command: {word}"
+        except UnknownCommandError:
+            return f"unknown command: {word[:40]}"
+
+    def _read(self, name: str) -> str:
+        if name not in self._reads:
+            return f"unknown command: {name[:40]}?"
+        return read_reply(
+            name,
+            self._airframe,
+            speed_cm_s=self.settings.speed_cm_s,
+            serial=self._serial,
+            level=self._level,
+            friendly=self._friendly,
+        )
+
+    def _enter(self, address: str) -> str:
+        # Everybody gets an answer, but state and video stay with the first until it falls silent.
+        if self.client is None or self._now_s - self._owner_heard_s > AUTO_LAND_S:
+            self.client = address
+            self._owner_heard_s = self._now_s
+        return "ok"
 
     def _steer(self, arguments: Sequence[str]) -> None:
         try:
-            a, b, c, d = _numbers(arguments, ((-100.0, 100.0),) * 4)
-        except (_OutOfRangeError, _UnknownCommandError):
+            a, b, c, d = numbers(arguments, (_STICK,) * 4)
+        except (OutOfRangeError, UnknownCommandError):
             return  # ``rc`` never answers, not even nonsense.
         if not self.auto_landing:
             self._airframe.sticks = (a, b, c, d)
 
     def _interrupt(self, word: str, out: list[Outgoing]) -> str:
         if self._running is not None:
-            out.append(self._reply(self._running, "forced stop"))
+            out += self._reply(self._running, "forced stop")
             self._running = None
         if word == "emergency":
             self._airframe.cut()
@@ -183,102 +239,52 @@ class TextSdk:
             self._airframe.stop()
         return "ok"
 
-    def _move(self, word: str, arguments: Sequence[str], asker: _Running) -> str | None:
-        order = self._order(word, arguments)
+    def _idle(self, word: str, arguments: Sequence[str]) -> str:
+        numbers(arguments, ())
         airframe = self._airframe
+        on = word != "motoroff"
+        if airframe.phase != "standing" or self._running is not None or airframe.spinning == on:
+            return "error"
+        airframe.spinning = on
+        self._throw_until_s = self._now_s + _THROW_S if word == "throwfly" else None
+        return "ok"
+
+    def _restart(self, word: str, arguments: Sequence[str]) -> str | None:
+        if len(arguments) != (0 if word == "reboot" else 2):
+            raise UnknownCommandError
+        if word == "reboot":
+            self.restart_at_s = self._now_s
+            return None
+        self.station = word == "ap"
+        self.restart_at_s = self._now_s + _NETWORK_REBOOT_S
+        return "OK,drone will reboot in 3s\0"
+
+    def _move(self, word: str, arguments: Sequence[str], asker: _Asker) -> str | None:
+        airframe = self._airframe
+        order = order_of(word, arguments, airframe, self.settings.speed_cm_s, self._level)
         if self.auto_landing:
             return "error Auto land"
         if self._running is not None:
             return "error Not joystick"
         if word == "takeoff":
-            if airframe.phase != "standing" or airframe.battery_pct < 10.0:
+            if airframe.phase != "standing" or airframe.battery_pct < _TAKE_OFF_BATTERY_PCT:
                 return "error"
-            if airframe.temperature_c >= 100.0:
+            if airframe.temperature_c >= _TAKE_OFF_HOTTEST_C:
                 return "error, high temp"
         elif not airframe.motors_on:
             return "error" if word == "land" else "error Motor stop"
-        order()
+        elif word != "land" and not airframe.sees_floor:
+            return "error No valid imu"
+        try:
+            order()
+        except RefusedError as refusal:
+            return str(refusal)
         self._running = asker
         return None
 
-    def _order(self, word: str, arguments: Sequence[str]) -> Callable[[], None]:
-        """Return what carries out a motion command, after checking its arguments."""
-        airframe = self._airframe
-        if word == "takeoff":
-            _numbers(arguments, ())
-            return airframe.take_off
-        if word == "land":
-            _numbers(arguments, ())
-            return airframe.land
-        if word in _MOVES:
-            (distance_cm,) = _numbers(arguments, ((20.0, 500.0),))
-            x, y, z = (distance_cm / 100.0 * unit for unit in _MOVES[word])
-            speed_m_s = self._speed_cm_s / 100.0
-            return lambda: airframe.fly(x, y, z, speed_m_s)
-        if word in ("cw", "ccw"):
-            # Real drones do not check this range.
-            (angle_deg,) = _numbers(arguments, ((-1e6, 1e6),))
-            left_rad = math.radians(angle_deg if word == "ccw" else -angle_deg)
-            return lambda: airframe.turn(left_rad)
-        if word == "go":
-            ranges = ((-500.0, 500.0),) * 3 + ((10.0, 100.0),)
-            x, y, z, speed = _numbers(arguments, ranges)
-            if max(abs(x), abs(y), abs(z)) <= 20.0:
-                raise _OutOfRangeError
-            return lambda: airframe.fly(x / 100, y / 100, z / 100, speed / 100)
-        raise _UnknownCommandError
 
-    # Reads -----------------------------------------------------------------------------------
-
-    def _read(self, name: str) -> str:
-        readings = self._airframe.readings()
-        match name:
-            case "battery":
-                body = f"{readings['bat']:.0f}"
-            case "speed":
-                body = f"{self._speed_cm_s:.1f}"
-            case "time":
-                body = f"{readings['time']:.0f}s"
-            case "wifi":
-                body = "90"
-            case "sdk":
-                body = "20"
-            case "sn":
-                body = self._serial
-            case "height":
-                body = f"{readings['h'] / 10:.0f}dm"
-            case "temp":
-                body = f"{readings['templ']:.0f}~{readings['temph']:.0f}C"
-            case "attitude":
-                body = "pitch:{pitch:.0f};roll:{roll:.0f};yaw:{yaw:.0f};".format(**readings)
-            case "acceleration":
-                body = "agx:{agx:.2f};agy:{agy:.2f};agz:{agz:.2f};".format(**readings)
-            case "baro":
-                body = f"{readings['baro']:.6f}"
-            case "tof":
-                body = f"{10 * readings['tof']:.0f}mm"
-            case _:
-                return f"unknown command: {name}?"
-        return body + "\r\n"
-
-
-def state_line(airframe: Airframe) -> bytes:
-    """Return the state report of an EDU drone with mission pad detection off."""
-    text = "mid:-1;x:0;y:0;z:0;mpry:0,0,0;"
-    for name, value in airframe.readings().items():
-        text += (
-            f"{name}:{value:.2f};"
-            if name in ("baro", "agx", "agy", "agz")
-            else (f"{name}:{value:.0f};")
-        )
-    return text.encode("ascii") + b"\r\n"
-
-
-def _numbers(arguments: Sequence[str], ranges: Sequence[tuple[float, float]]) -> list[float]:
-    if len(arguments) != len(ranges) or not all(map(_NUMBER.fullmatch, arguments)):
-        raise _UnknownCommandError
-    numbers = [float(argument) for argument in arguments]
-    for number, (low, high) in zip(numbers, ranges, strict=True):
-        if not low <= number <= high:
-            raise _OutOfRangeError
-    return numbers
+def _without_board(arguments: Sequence[str]) -> str:
+    """Return what a drone without the expansion board answers to a command for it."""
+    if arguments and arguments[0] in _BOARD_WORDS:
+        return f"unknow command: {arguments[0]}"
+    return "command error: 254"

@@ -1,61 +1,36 @@
-"""The simulator program: several Tellos on loopback in one rendered world.
+"""The simulator program: several Tellos on loopback, or in network namespaces, in one world.
 
 It prints one line of JSON on stdout when it is ready and logs to stderr. SIGINT and SIGTERM end it.
 Pictures are rendered one after the other in a worker thread, as fast as it manages but never faster
-than the cap, and only for drones whose video is on.
+than the cap, and only for drones whose video is on. Lines on stdin are faults that happen now.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import json
 import logging
 import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
-from typing import IO, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from server.geometry.cameras import TELLO_INTRINSICS
 from server.sim.config import SimConfig
 from server.sim.drone import SimError, SimulatedDrone
-from server.sim.encoder import VideoEncoder
+from server.sim.faults import faults_help, parse_fault
 from server.sim.scenes.catalogue import load_object
+from server.sim.studio import PictureSource, Studio, WorldMaker
+from server.sim.words import LEVELS
 from server.sim.world import World, WorldError
 
-_LOG = logging.getLogger(__name__)
-
-_REPORT_PERIOD_S = 5.0
-_NOBODY_LOOKS_S = 0.02
 _ORPHAN_CHECK_S = 1.0
-
-
-class PictureSource(Protocol):
-    """What the simulator needs of a world."""
-
-    def render(
-        self,
-        T_world_cam: NDArray[np.float64],
-        other_drones: Sequence[tuple[NDArray[np.float64], float]] = (),
-    ) -> NDArray[np.uint8]:
-        """Return the BGR picture ``(720, 960, 3)`` of an OpenCV camera pose ``(4, 4)``."""
-        ...
-
-    def close(self) -> None:
-        """Release what it holds."""
-        ...
-
-
-WorldMaker = Callable[[SimConfig], PictureSource]
+_NAMESPACE_ADDRESS = "192.168.10.1"
+_LONGEST_LINE = 4096
 
 
 def make_world(config: SimConfig) -> PictureSource:
@@ -68,140 +43,13 @@ def make_world(config: SimConfig) -> PictureSource:
     )
 
 
-class _Studio:
-    """The worker thread: renders and encodes, drone after drone.
-
-    The world is made, used and closed in this thread alone. The loop owns the drones; the thread
-    only reads their poses, which are replaced as whole arrays, and hands datagrams back.
-    """
-
-    def __init__(
-        self, config: SimConfig, drones: Sequence[SimulatedDrone], maker: WorldMaker
-    ) -> None:
-        self._config = config
-        self._drones = drones
-        self._maker = maker
-        self._loop = asyncio.get_running_loop()
-        self._ready: asyncio.Future[None] = self._loop.create_future()
-        self._ended: asyncio.Future[None] = self._loop.create_future()
-        self._closing = threading.Event()
-        self._sent = dict.fromkeys((drone.drone_id for drone in drones), 0)
-        self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
-
-    async def start(self) -> None:
-        """Make the world; raises what its making raises."""
-        self._thread.start()
-        await self._ready
-
-    async def ended(self) -> None:
-        """Wait for the thread's end; raises what it failed of."""
-        await asyncio.shield(self._ended)
-
-    async def stop(self) -> None:
-        """End the thread."""
-        self._closing.set()
-        await asyncio.to_thread(self._thread.join, 10.0)
-
-    def _run(self) -> None:
-        future = self._ready
-        try:
-            world = self._maker(self._config)
-            try:
-                self._settle(self._ready, None)
-                future = self._ended
-                with contextlib.ExitStack() as stack:
-                    truth = self._config.truth_file
-                    file = stack.enter_context(truth.open("a")) if truth is not None else None
-                    self._work(world, file)
-            finally:
-                world.close()
-            self._settle(self._ended, None)
-        except Exception as error:  # noqa: BLE001  # Whatever it is, the loop must hear of it.
-            self._settle(future, error)
-
-    def _settle(self, future: asyncio.Future[None], error: Exception | None) -> None:
-        def settle() -> None:
-            if future.done():
-                return
-            if error is None:
-                future.set_result(None)
-            else:
-                future.set_exception(error)
-
-        with contextlib.suppress(RuntimeError):  # The loop has ended already.
-            self._loop.call_soon_threadsafe(settle)
-
-    def _work(self, world: PictureSource, truth: IO[str] | None) -> None:
-        config = self._config
-        encoders: dict[str, VideoEncoder] = {}
-        due_s = dict.fromkeys(self._sent, 0.0)
-        report_s = time.monotonic() + _REPORT_PERIOD_S
-        while not self._closing.is_set():
-            now_s = time.monotonic()
-            if now_s >= report_s:
-                self._report()
-                report_s = now_s + _REPORT_PERIOD_S
-            # Whoever has waited longest comes first: round-robin that skips dark cameras.
-            waiting = [drone for drone in self._drones if drone.wants_pictures]
-            drone = min(waiting, key=lambda drone: due_s[drone.drone_id], default=None)
-            if drone is None or due_s[drone.drone_id] > now_s:
-                wait_s = _NOBODY_LOOKS_S if drone is None else due_s[drone.drone_id] - now_s
-                self._closing.wait(min(wait_s, _NOBODY_LOOKS_S))
-                continue
-            due_s[drone.drone_id] = max(due_s[drone.drone_id] + 1.0 / config.fps_cap, now_s)
-            if drone.drone_id not in encoders:
-                size = (TELLO_INTRINSICS.width, TELLO_INTRINSICS.height)
-                encoders[drone.drone_id] = VideoEncoder(
-                    *size, config.fps_cap, config.bitrate_kbit_s
-                )
-            self._shoot(drone, world, encoders[drone.drone_id], truth)
-
-    def _shoot(
-        self,
-        drone: SimulatedDrone,
-        world: PictureSource,
-        encoder: VideoEncoder,
-        truth: IO[str] | None,
-    ) -> None:
-        at_s = time.monotonic()
-        T_world_cam = drone.airframe.T_world_cam()
-        yaw_rad = drone.airframe.yaw_rad
-        others = [
-            (other.airframe.position.copy(), other.airframe.yaw_rad)
-            for other in self._drones
-            if other is not drone
-        ]
-        image_bgr = world.render(T_world_cam, others)
-        key = drone.sdk.key_picture_due
-        drone.sdk.key_picture_due = False
-        datagrams = encoder.encode(image_bgr, at_s, key)
-        if truth is not None:
-            entry = {
-                "t_monotonic": at_s,
-                "drone_id": drone.drone_id,
-                "position": T_world_cam[:3, 3].tolist(),
-                "yaw": yaw_rad,
-                "T_world_cam": T_world_cam.tolist(),
-            }
-            truth.write(json.dumps(entry) + "\n")
-            truth.flush()
-        self._sent[drone.drone_id] += 1
-        with contextlib.suppress(RuntimeError):  # The loop has ended already.
-            self._loop.call_soon_threadsafe(drone.send_video, datagrams)
-
-    def _report(self) -> None:
-        rates = {name: round(count / _REPORT_PERIOD_S, 1) for name, count in self._sent.items()}
-        if any(rates.values()):
-            _LOG.info("%s", json.dumps({"pictures_per_s": rates}))
-        self._sent = dict.fromkeys(self._sent, 0)
-
-
 async def run_simulator(
     config: SimConfig,
     *,
     maker: WorldMaker = make_world,
     announce: Callable[[str], None] = lambda line: print(line, flush=True),  # noqa: T201
     stop: asyncio.Event | None = None,
+    faults_from: int | None = None,
 ) -> None:
     """Run the simulated drones until SIGINT, SIGTERM, ``stop`` or cancellation.
 
@@ -210,6 +58,7 @@ async def run_simulator(
         maker: Makes the world, in the worker thread.
         announce: Gets the one line that says that all is ready.
         stop: Ends the run when set; signals are then left to the caller.
+        faults_from: File descriptor whose lines are faults that happen now.
 
     Raises:
         SimError: If an address cannot be used or the truth file cannot be written.
@@ -222,12 +71,14 @@ async def run_simulator(
             asyncio.get_running_loop().add_signal_handler(number, ends.set)
     async with AsyncExitStack() as stack:
         drones = [SimulatedDrone(config, index) for index in range(config.drones)]
-        studio = _Studio(config, drones, maker)
+        studio = Studio(config, drones, maker)
         for drone in drones:
             await stack.enter_async_context(drone)
         stack.push_async_callback(studio.stop)
         await studio.start()
         announce(json.dumps(_ready_line(config)))
+        if faults_from is not None:
+            _listen(faults_from, drones)
         waits = {
             asyncio.create_task(ends.wait(), name="sim stop"),
             asyncio.create_task(studio.ended(), name="sim studio"),
@@ -240,6 +91,45 @@ async def run_simulator(
             for task in waits:
                 task.cancel()
             await asyncio.gather(*waits, return_exceptions=True)
+
+
+def _listen(descriptor: int, drones: Sequence[SimulatedDrone]) -> None:
+    """Have every line that comes from a file descriptor carried out on the event loop."""
+    loop = asyncio.get_running_loop()
+
+    def read() -> None:
+        # Not through sys.stdin: its lock, held by a thread, would break the program's end.
+        text = b""
+        while data := os.read(descriptor, _LONGEST_LINE):
+            *lines, text = (text + data).split(b"\n")
+            text = text[:_LONGEST_LINE]
+            for line in lines:
+                try:
+                    loop.call_soon_threadsafe(_take_line, line.decode("utf-8", "replace"), drones)
+                except RuntimeError:
+                    return  # The loop has ended.
+
+    threading.Thread(target=read, name="faults", daemon=True).start()
+
+
+def _take_line(line: str, drones: Sequence[SimulatedDrone]) -> None:
+    """Let the fault of one line happen, or say in one line on stderr why it does not."""
+    if not line.strip():
+        return
+    if line.strip() == "help":
+        sys.stderr.write(faults_help() + "\n")
+        return
+    try:
+        fault = parse_fault(line)
+    except ValueError as error:
+        sys.stderr.write(f"sim: {error}\n")
+        return
+    concerned = [drone for drone in drones if fault.concerns(drone.drone_id)]
+    if not concerned:
+        ids = ", ".join(drone.drone_id for drone in drones)
+        sys.stderr.write(f"sim: there is no {fault.drone}, only {ids}\n")
+    for drone in concerned:
+        drone.inject(fault)
 
 
 def _ready_line(config: SimConfig) -> dict[str, object]:
@@ -261,7 +151,7 @@ def _ready_line(config: SimConfig) -> dict[str, object]:
 async def _attached(config: SimConfig) -> None:
     """Run the simulator until it ends or its starting process is gone, however that died."""
     parent = os.getppid()
-    running = asyncio.create_task(run_simulator(config), name="simulator")
+    running = asyncio.create_task(run_simulator(config, faults_from=0), name="simulator")
     while not running.done() and os.getppid() == parent:
         await asyncio.wait({running}, timeout=_ORPHAN_CHECK_S)
     if running.done():
@@ -279,10 +169,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--scene", default=defaults.scene, help="name, or path of a .glb or .obj")
     parser.add_argument("--drones", type=int, default=defaults.drones)
-    parser.add_argument("--address", default=defaults.base_address, help="of the first drone")
+    parser.add_argument("--address", help=f"of the first drone ({defaults.base_address})")
     parser.add_argument("--seed", type=int, default=defaults.seed)
     parser.add_argument("--truth", type=Path, help="append true camera poses to this file")
     parser.add_argument("--supersample", type=int, default=defaults.supersample)
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="FAULT",
+        help="KIND[=AMOUNT][@START[+DURATION]][:DRONE-ID], e.g. loss=0.1 or reboot@40:drone-1",
+    )
+    parser.add_argument("--sdk", choices=LEVELS, default=defaults.sdk, help="text protocol")
+    parser.add_argument(
+        "--friendly-reads", action="store_true", help="answer reads with plain whole numbers"
+    )
+    parser.add_argument("--station", action="store_true", help="as in a network of others")
+    parser.add_argument(
+        "--namespace",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="network namespace of the next drone; all then have one address",
+    )
     parser.add_argument(
         "--attached", action="store_true", help="end when the program that started this one ends"
     )
@@ -294,12 +203,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         config = SimConfig(
             scene=options.scene,
             drones=options.drones,
-            base_address=options.address,
+            base_address=options.address
+            or (_NAMESPACE_ADDRESS if options.namespace else defaults.base_address),
             seed=options.seed,
             truth_file=options.truth,
             supersample=options.supersample,
+            faults=tuple(map(parse_fault, options.fault)),
+            sdk=options.sdk,
+            friendly_reads=options.friendly_reads,
+            station=options.station,
+            namespaces=tuple(options.namespace),
         )
-        asyncio.run(_attached(config) if options.attached else run_simulator(config))
+        asyncio.run(_attached(config) if options.attached else run_simulator(config, faults_from=0))
     except (SimError, WorldError, ValueError, OSError) as error:
         sys.stderr.write(f"dronerf: {error}\n")
         return 2

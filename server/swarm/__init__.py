@@ -1,1 +1,1 @@
-"""The drones: protocol (no I/O), link, video, safety rules, one drone, the fleet."""
+"""The drones: protocol (no I/O), links, video, safety rules and failsafes, one drone, the fleet."""

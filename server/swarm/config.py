@@ -1,23 +1,30 @@
-"""Configuration of drones, fleet and safety rules, and the fleet file.
+"""Configuration of drones, fleet and safety rules.
 
 Everything here is frozen and checked when it is made: a wrong value raises ``ValueError`` naming
-the field. The fleet file is TOML; its keys are the field names below.
+the field. The fleet file, see ``server.swarm.fleet_file``, uses the field names below.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from ipaddress import AddressValueError, IPv4Address
-from pathlib import Path
-from typing import Any
+from ipaddress import AddressValueError, IPv4Address, IPv4Network
+from typing import Literal, get_args
 
 from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
+from server.swarm.failsafes import FailsafeTable
 
 MAX_DRONES = 8
+
+# Every drone that makes its own Wi-Fi network is here.
+AP_ADDRESS = "192.168.10.1"
+# Where a drone sends to unless it was told otherwise.
+STATE_PORT, VIDEO_PORT = 8890, 11111
+# A search asks every address; more of them than this is no drone's home network.
+_SMALLEST_PREFIX = 22
+
+LinkKind = Literal["ap", "relay", "station"]
 
 # Distinguishable on light and dark ground and for the common kinds of colour blindness.
 DRONE_COLOURS = (
@@ -30,10 +37,6 @@ DRONE_COLOURS = (
     "#d55e00",
     "#999999",
 )
-
-
-class FleetFileError(ValueError):
-    """A fleet file cannot be used; the text is one line naming the file and the key."""
 
 
 def _check(holds: bool, name: str, rule: str, value: object) -> None:
@@ -57,14 +60,19 @@ class DroneConfig:
         name: For people; empty means the id.
         colour: ``#rrggbb``; empty means one by its place in the fleet.
         azimuth_deg: Nominal place on the start circle, degrees counter-clockwise from world +X.
-        address: IPv4 address of the drone.
+        link: ``ap``: it makes a Wi-Fi network of its own; ``relay``: a forwarder speaks for it;
+            ``station``: it has joined a network. Empty means ``ap`` at the usual address or with
+            an interface, else ``station`` with a serial number, else ``relay``.
+        address: IPv4 address of the drone or its relay. Empty for a station known by its serial
+            number alone: it is searched for.
         local_address: IPv4 address our sockets are bound to; empty means any.
         interface: Network interface our sockets are bound to; empty means any. Needed when
             several drones share one address, one per Wi-Fi adapter.
         command_port: The drone's command port.
-        state_port: Our port for state reports.
-        video_port: Our port for video.
+        state_port: Our port for state reports. A station (SDK 3.0) is told when it is not 8890.
+        video_port: Our port for video; likewise, 11111.
         edu: True for an EDU (SDK 2.0 or later), False for the consumer drone.
+        serial: Its serial number; a drone with another one is refused. Empty means any.
         tilt_deg: How far the camera looks below the horizon, degrees.
         intrinsics: Calibration of the camera, pixels.
     """
@@ -73,13 +81,15 @@ class DroneConfig:
     name: str = ""
     colour: str = ""
     azimuth_deg: float = 0.0
-    address: str = "192.168.10.1"
+    link: str = ""
+    address: str = AP_ADDRESS
     local_address: str = ""
     interface: str = ""
     command_port: int = 8889
-    state_port: int = 8890
-    video_port: int = 11111
+    state_port: int = STATE_PORT
+    video_port: int = VIDEO_PORT
     edu: bool = True
+    serial: str = ""
     tilt_deg: float = 12.0
     intrinsics: Intrinsics = TELLO_INTRINSICS
 
@@ -97,7 +107,7 @@ class DroneConfig:
             self.colour,
         )
         _check(math.isfinite(self.azimuth_deg), "azimuth_deg", "must be finite", self.azimuth_deg)
-        _check_address("address", self.address)
+        self._check_link()
         if self.local_address:
             _check_address("local_address", self.local_address)
         # The kernel's limit for interface names is 15 bytes.
@@ -118,10 +128,74 @@ class DroneConfig:
         )
         _check(-30.0 <= self.tilt_deg <= 60.0, "tilt_deg", "must be -30 to 60", self.tilt_deg)
 
+    def _check_link(self) -> None:
+        known = get_args(LinkKind)
+        _check(self.link in ("", *known), "link", f"must be one of {', '.join(known)}", self.link)
+        _check(
+            bool(re.fullmatch(r"([0-9A-Z]{10,20})?", self.serial)),
+            "serial",
+            "must be 10-20 capital letters and digits, as on the drone's battery bay",
+            self.serial,
+        )
+        if not self.link:
+            at_home = bool(self.interface) or self.address == AP_ADDRESS
+            kind = "ap" if at_home else "station" if self.serial else "relay"
+            object.__setattr__(self, "link", kind)
+        if self.address or self.link != "station" or not self.serial:
+            _check_address("address", self.address)
+
     @property
     def label(self) -> str:
         """The name for people."""
         return self.name or self.id
+
+    @property
+    def moves_ports(self) -> bool:
+        """Whether the drone must be told where to send state and video."""
+        usual = (self.state_port, self.video_port) == (STATE_PORT, VIDEO_PORT)
+        return self.link == "station" and not usual
+
+
+@dataclass(frozen=True, slots=True)
+class StationConfig:
+    """The network in which drones without a known address are searched.
+
+    Attributes:
+        subnet: For example ``192.168.1.0/24``, /22 at most; empty means that none is searched.
+        hosts_per_s: How many addresses are asked per second.
+        search_again_s: A station that stays silent is searched anew this often, seconds.
+    """
+
+    subnet: str = ""
+    hosts_per_s: float = 100.0
+    search_again_s: float = 15.0
+
+    def __post_init__(self) -> None:
+        if self.subnet:
+            self.network()
+        for name, low, high in (("hosts_per_s", 1.0, 1000.0), ("search_again_s", 1.0, 3600.0)):
+            value = getattr(self, name)
+            _check(low <= value <= high, f"station.{name}", f"must be {low} to {high}", value)
+
+    def network(self) -> IPv4Network:
+        """Return the network to search.
+
+        Raises:
+            ValueError: If there is none or it is no small IPv4 network.
+        """
+        try:
+            network = IPv4Network(self.subnet)
+        except ValueError:
+            raise ValueError(
+                f"station.subnet must be a network like 192.168.1.0/24, not {self.subnet!r}"
+            ) from None
+        _check(
+            network.prefixlen >= _SMALLEST_PREFIX,
+            "station.subnet",
+            f"must be /{_SMALLEST_PREFIX} or smaller",
+            self.subnet,
+        )
+        return network
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +203,15 @@ class FleetConfig:
     """The drones and the circle they start on.
 
     Attributes:
-        drones: One to eight drones with distinct ids and distinct addresses (two drones may share
-            an address when their interfaces differ).
+        drones: One to eight drones with distinct ids, serial numbers and addresses (two drones may
+            share an address when each has an interface of its own).
         start_radius_m: Radius of the nominal start circle, metres.
+        station: Where drones without a known address are searched.
     """
 
     drones: tuple[DroneConfig, ...]
     start_radius_m: float = 1.8
+    station: StationConfig = field(default_factory=StationConfig)
 
     def __post_init__(self) -> None:
         _check(
@@ -150,80 +226,102 @@ class FleetConfig:
             "must be 0.3 to 20",
             self.start_radius_m,
         )
-        ids: set[str] = set()
-        reached: dict[tuple[str, str], str] = {}
-        for drone in self.drones:
-            _check(drone.id not in ids, "id", "must be unique", drone.id)
-            ids.add(drone.id)
-            other = reached.setdefault((drone.address, drone.interface), drone.id)
-            _check(
-                other == drone.id,
-                "address",
-                f"must be unique per interface ({other} and {drone.id} share it)",
-                drone.address,
-            )
+        for index, drone in enumerate(self.drones):
+            for other in self.drones[:index]:
+                _check_apart(other, drone)
+            if not drone.address and not self.station.subnet:
+                raise ValueError(
+                    f"address: {drone.id} is known by its serial number alone; give its address,"
+                    ' or [station] subnet = "..." to search'
+                )
+
+
+def _check_apart(other: DroneConfig, drone: DroneConfig) -> None:
+    """Raise ValueError when two drones cannot be told apart."""
+    _check(other.id != drone.id, "id", "must be unique", drone.id)
+    pair = f"({other.id} and {drone.id} share it)"
+    if drone.serial and drone.serial == other.serial:
+        raise ValueError(f"serial must be unique {pair}, not {drone.serial!r}")
+    if drone.address and drone.address == other.address and drone.link != "relay":
+        apart = bool(drone.interface and other.interface) and drone.interface != other.interface
+        _check(apart, "address", f"must be unique per interface {pair}", drone.address)
+    if drone.address and drone.address == other.address and drone.link == "relay":
+        # One forwarder may serve several drones at ports of its own.
+        ports = {(d.command_port, d.state_port, d.video_port) for d in (drone, other)}
+        columns = zip(*ports, strict=True) if len(ports) == 2 else [(0, 0)]
+        apart = all(a != b for a, b in columns)
+        _check(apart, "address", f"must be unique unless all ports differ {pair}", drone.address)
+    same_place = drone.local_address == other.local_address
+    same_port = {drone.state_port, drone.video_port} & {other.state_port, other.video_port}
+    if same_place and same_port and bool(drone.interface) != bool(other.interface):
+        bare = other if drone.interface else drone
+        raise ValueError(
+            f"interface: {bare.id} needs one, too: a port cannot be shared with a drone that has"
+            f" an interface ({other.id} and {drone.id})"
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyConfig:
-    """Thresholds of the safety rules, see ``server.swarm.safety``.
+    """Limits of flight and the failsafe table, see ``server.swarm.safety`` and ``failsafes``.
 
     Attributes:
         fence_radius_m: Drones stay within this distance of the world's z axis, metres.
         floor_m: Lowest flying height of the camera above the floor, metres.
         ceiling_m: Greatest flying height, metres.
         standoff_m: Smallest distance to the object's box, metres.
-        separation_m: Two drones nearer than this to each other hold, metres.
-        fence_slack_m: How far outside fence or ceiling a drone may be before it holds, metres.
         max_speed_m_s: No setpoint is faster, metres per second.
         max_yaw_rate_rad_s: No setpoint turns faster, radians per second.
+        evade_m_s: A drone that hovers for a failsafe still evades others up to this speed.
+        coast_s: No velocity would carry a drone over fence or ceiling within this time, seconds. A
+            Tello that hears nothing keeps its sticks and lands by itself after 15 s.
         brake_s: A drone ``d`` metres before a limit may approach it at ``d / brake_s``.
-        state_hold_s: Hover when the newest state report is older, seconds.
-        state_land_s: Land when it is older than this, seconds.
+        state_fresh_s: What a state report says counts for this long, seconds.
+        state_lost_s: A drone on the ground without a report for this long is offline, seconds.
         battery_take_off_pct: No take-off below, percent.
-        battery_land_pct: Land at or below, percent.
         temperature_take_off_c: No take-off at or above, degrees Celsius.
-        temperature_land_c: Land at or above, degrees Celsius.
+        failsafes: What makes a flying drone hover, land or cut its motors.
     """
 
     fence_radius_m: float = 4.5
     floor_m: float = 0.25
     ceiling_m: float = 3.0
     standoff_m: float = 0.5
-    separation_m: float = 0.6
-    fence_slack_m: float = 0.4
     max_speed_m_s: float = 0.5
     max_yaw_rate_rad_s: float = 1.0
+    evade_m_s: float = 0.25
+    coast_s: float = 16.0
     brake_s: float = 0.9
-    state_hold_s: float = 1.0
-    state_land_s: float = 3.0
+    state_fresh_s: float = 1.0
+    state_lost_s: float = 3.0
     battery_take_off_pct: int = 20
-    battery_land_pct: int = 15
     temperature_take_off_c: float = 95.0
-    temperature_land_c: float = 100.0
+    failsafes: FailsafeTable = field(default_factory=FailsafeTable)
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            _check(math.isfinite(value) and value > 0, item.name, "must be positive", value)
+            if not isinstance(value, FailsafeTable):
+                _check(math.isfinite(value) and value > 0, item.name, "must be positive", value)
         _check(self.floor_m < self.ceiling_m, "ceiling_m", "must be above floor_m", self.ceiling_m)
         _check(
-            self.state_hold_s < self.state_land_s,
-            "state_land_s",
-            "must exceed state_hold_s",
-            self.state_land_s,
+            self.state_fresh_s < self.state_lost_s,
+            "state_lost_s",
+            "must exceed state_fresh_s",
+            self.state_lost_s,
         )
         _check(
-            self.battery_land_pct < self.battery_take_off_pct <= 100,
+            max(self.failsafes.battery_pct.values()) < self.battery_take_off_pct <= 100,
             "battery_take_off_pct",
-            "must exceed battery_land_pct and be at most 100",
+            "must exceed every battery failsafe and be at most 100",
             self.battery_take_off_pct,
         )
         _check(
-            self.temperature_take_off_c <= self.temperature_land_c,
-            "temperature_land_c",
-            "must be at least temperature_take_off_c",
-            self.temperature_land_c,
+            self.temperature_take_off_c
+            <= min(self.failsafes.temperature_c.values(), default=math.inf),
+            "temperature_take_off_c",
+            "must be at most every temperature failsafe",
+            self.temperature_take_off_c,
         )
 
 
@@ -263,115 +361,3 @@ class TimingConfig:
         _check(bool(self.stop_repeats_s), "stop_repeats_s", "must not be empty", ())
         # The drone lands by itself after 15 s of silence; one lost datagram must not lead there.
         _check(self.keep_alive_s <= 5.0, "keep_alive_s", "must be at most 5", self.keep_alive_s)
-
-
-_INTRINSICS_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "distortion")
-
-
-def load_fleet(path: Path) -> FleetConfig:
-    """Read a fleet file.
-
-    The file holds ``start_radius_m`` and one ``[[drones]]`` table per drone, with an optional
-    ``[drones.intrinsics]``. Left-out azimuths are spread evenly; left-out ids count from 1.
-
-    Raises:
-        FleetFileError: If the file cannot be read or anything in it is unknown, of a wrong type
-            or out of range.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise FleetFileError(f"{path}: cannot be read: {reason}") from error
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        reason = " ".join(str(error).split())
-        raise FleetFileError(f"{path}: not valid TOML: {reason}") from error
-    try:
-        return _fleet_from(document)
-    except ValueError as error:
-        raise FleetFileError(f"{path}: {error}") from error
-
-
-def _fleet_from(document: Mapping[str, object]) -> FleetConfig:
-    for key in document:
-        if key not in ("start_radius_m", "drones"):
-            raise ValueError(f"unknown key {key!r} (known: start_radius_m, drones)")
-    tables = document.get("drones")
-    if not isinstance(tables, list) or not tables:
-        raise ValueError("drones: at least one [[drones]] table is needed")
-    if len(tables) > MAX_DRONES:
-        raise ValueError(f"drones: at most {MAX_DRONES} drones, not {len(tables)}")
-    drones: list[DroneConfig] = []
-    for index, table in enumerate(tables):
-        where = f"drones[{index + 1}]"
-        if not isinstance(table, dict):
-            raise ValueError(f"{where} must be a table")
-        drones.append(_drone_from(table, index, len(tables), where))
-    radius = document.get("start_radius_m", 1.8)
-    return FleetConfig(tuple(drones), _number(radius, "start_radius_m"))
-
-
-def _drone_from(table: Mapping[str, object], index: int, count: int, where: str) -> DroneConfig:
-    defaults = DroneConfig()
-    known = [item.name for item in fields(DroneConfig)]
-    values: dict[str, object] = {
-        "id": f"drone-{index + 1}",
-        "colour": DRONE_COLOURS[index],
-        "azimuth_deg": 360.0 * index / count,
-    }
-    for key, value in table.items():
-        label = f"{where}.{key}"
-        if key not in known:
-            raise ValueError(f"{where}: unknown key {key!r} (known: {', '.join(known)})")
-        if key == "intrinsics":
-            values[key] = _intrinsics_from(value, label)
-        else:
-            values[key] = _typed(value, getattr(defaults, key), label)
-    try:
-        return DroneConfig(**values)  # pyright: ignore[reportArgumentType]  # Typed just above.
-    except ValueError as error:
-        raise ValueError(f"{where}.{error}") from error
-
-
-def _typed(value: object, example: object, label: str) -> object:
-    if isinstance(example, float):
-        return _number(value, label)
-    # bool is a subclass of int, so the exact type is asked for.
-    if type(value) is not type(example):
-        raise ValueError(f"{label} must be of type {type(example).__name__}, not {value!r}")
-    return value
-
-
-def _number(value: object, label: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{label} must be a number, not {value!r}")
-    return float(value)
-
-
-def _intrinsics_from(value: object, label: str) -> Intrinsics:
-    if not isinstance(value, dict):
-        raise ValueError(f"{label} must be a table")
-    numbers: dict[str, Any] = {}
-    for key, item in value.items():
-        if key not in _INTRINSICS_KEYS:
-            raise ValueError(f"{label}: unknown key {key!r} (known: {', '.join(_INTRINSICS_KEYS)})")
-        if key == "distortion":
-            if not isinstance(item, list) or len(item) != 5:
-                raise ValueError(f"{label}.distortion must be five numbers k1, k2, p1, p2, k3")
-            numbers[key] = tuple(_number(k, f"{label}.distortion") for k in item)
-        elif key in ("width", "height"):
-            numbers[key] = _typed(item, 1, f"{label}.{key}")
-        else:
-            numbers[key] = _number(item, f"{label}.{key}")
-    merged = {key: numbers.get(key, getattr(TELLO_INTRINSICS, key)) for key in _INTRINSICS_KEYS}
-    for key in ("width", "height", "fx", "fy", "cx", "cy"):
-        if not math.isfinite(merged[key]):
-            raise ValueError(f"{label}.{key} must be finite, not {merged[key]!r}")
-    if not all(map(math.isfinite, merged["distortion"])):
-        raise ValueError(f"{label}.distortion must be finite, not {merged['distortion']!r}")
-    for key in ("width", "height", "fx", "fy"):
-        if not merged[key] > 0:
-            raise ValueError(f"{label}.{key} must be positive, not {merged[key]!r}")
-    return Intrinsics(**merged)

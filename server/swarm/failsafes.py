@@ -30,6 +30,8 @@ class FlightReadings:
         standoff_m: Distance to the object's box, metres.
         separation_m: Distance to the nearest other flying drone, metres.
         pose_sigma_m: Standard deviation of the believed position, metres.
+        object_age_s: Seconds since the drone last saw the object, None before the first time.
+        velocity_age_s: Seconds for which it was told to move and reported no velocity at all.
     """
 
     fence_m: float | None = None
@@ -37,6 +39,8 @@ class FlightReadings:
     standoff_m: float | None = None
     separation_m: float | None = None
     pose_sigma_m: float | None = None
+    object_age_s: float | None = None
+    velocity_age_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +110,8 @@ _WORDS = {
     "standoff_m": "{:.2f} m from the object",
     "separation_m": "another drone {:.2f} m away",
     "pose_sigma_m": "position uncertain by {:.2f} m",
+    "object_age_s": "has not seen the object for {:.0f} s",
+    "velocity_age_s": "does not feel itself move for {:.1f} s",
     "operator_silence_s": "no sign of the operator for {:.0f} s",
     "mission_silence_s": "nobody has flown it for {:.1f} s",
 }
@@ -132,7 +138,7 @@ class FailsafeTable:
     Attributes:
         state_age_s: Nothing is known of the drone: it may be anywhere.
         video_age_s: The pose is no longer corrected by what the camera sees.
-        battery_pct: Fires at or below.
+        battery_pct: What is left lands the drone and no more; fires at or below.
         temperature_c: The drone switches itself off a little above the default.
         lean_deg: It lies on something or hangs in something; a Tello in flight leans less.
         fence_m: Metres beyond the fence radius.
@@ -140,6 +146,8 @@ class FailsafeTable:
         standoff_m: Metres to the object's box; fires at or below.
         separation_m: Metres to the next drone; fires at or below.
         pose_sigma_m: Fence, standoff and separation are as good as the believed position.
+        object_age_s: The object bounds the drift of the believed pose.
+        velocity_age_s: It has lost its hold on the floor (dark, plain, too high) and drifts.
         operator_silence_s: Counts from the last heartbeat of an attached operator.
         mission_silence_s: The process or loop that steers has gone; setpoints expire before that.
     """
@@ -154,6 +162,8 @@ class FailsafeTable:
     standoff_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.3))
     separation_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.6))
     pose_sigma_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.7, land=1.5))
+    object_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(land=20.0))
+    velocity_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(land=5.0))
     operator_silence_s: Mapping[Action, float] = field(
         default_factory=lambda: _row(hold=20.0, land_all=60.0)
     )

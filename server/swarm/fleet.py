@@ -5,14 +5,43 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from dataclasses import dataclass
 
 from server.swarm.config import FleetConfig, SafetyConfig, TimingConfig
 from server.swarm.drone import Drone
+from server.swarm.errors import DroneError
+from server.swarm.failsafes import Fired
 from server.swarm.link import DroneLink, PortBoard, UdpDroneLink
+from server.swarm.pictures import DecoderMaker
+from server.swarm.search import StationSearch
+from server.swarm.station import Progress
+from server.swarm.video import VideoDecoder
 
 _LOG = logging.getLogger(__name__)
+
+
+# More failsafes than this in one session, and only the newest are of interest.
+_NOTES_KEPT = 256
+
+
+@dataclass(frozen=True, slots=True)
+class FiredNote:
+    """A row of the failsafe table began to fire.
+
+    Attributes:
+        drone_id: For which drone.
+        fired: Which row, and what was measured.
+        at_s: When, on the fleet's clock.
+        number: Counts the notes of this fleet from 1, so that a reader knows what is new.
+    """
+
+    drone_id: str
+    fired: Fired
+    at_s: float
+    number: int
 
 
 class Fleet:
@@ -23,6 +52,7 @@ class Fleet:
     Attributes:
         config: Who they are and where they start.
         drones: By id, in fleet order.
+        fired: The newest notes of failsafes that began to fire, oldest first.
     """
 
     def __init__(
@@ -32,26 +62,45 @@ class Fleet:
         timing: TimingConfig | None = None,
         links: dict[str, DroneLink] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        decoder: DecoderMaker = VideoDecoder,
     ) -> None:
         """Build the fleet; ``links`` by drone id replace the usual UDP links."""
         self.config = config
+        self.fired: deque[FiredNote] = deque(maxlen=_NOTES_KEPT)
+        self._clock = clock
+        self._operator_s: float | None = None
         board = PortBoard(clock)
         links = links if links is not None else {}
+        self._udp = {
+            drone.id: UdpDroneLink(drone, board) for drone in config.drones if drone.id not in links
+        }
         self.drones = {
             drone.id: Drone(
-                drone, links.get(drone.id, UdpDroneLink(drone, board)), safety, timing, clock
+                drone,
+                links[drone.id] if drone.id in links else self._udp[drone.id],
+                safety,
+                timing,
+                clock,
+                decoder=decoder,
+                operator_silence_s=self._operator_silence_s,
+                on_fired=self._note_fired,
+                on_land_all=self.land,
             )
             for drone in config.drones
         }
+
+        self._search = StationSearch(config.station, self.drones, self._udp)
 
     async def __aenter__(self) -> Fleet:
         async with AsyncExitStack() as stack:
             for drone in self.drones.values():
                 await stack.enter_async_context(drone)
             stack.pop_all()  # All are open; from here on ``__aexit__`` closes them, side by side.
+        self._search.start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
+        await self._search.close()
         # All go down at the same time, not one after the other.
         for drone in self.drones.values():
             if drone.airborne:
@@ -62,28 +111,69 @@ class Fleet:
             if isinstance(result, BaseException):
                 _LOG.error("%s: closing failed", drone_id, exc_info=result)
 
-    async def connect(self, timeout_s: float = 10.0) -> dict[str, str]:
-        """Connect to all drones side by side.
+    async def connect(
+        self, timeout_s: float = 10.0, progress: Progress | None = None
+    ) -> dict[str, str]:
+        """Connect to all drones side by side; those without an address are searched first.
+
+        Args:
+            timeout_s: Longest wait for the answers, the search not counted.
+            progress: Told how far a search is, see ``find_stations``.
 
         Returns:
             The reason by id for each drone that did not answer in time; empty when all did.
         """
-        failures: dict[str, str] = {}
+        failures = await self._search.find_all(progress)
 
         async def connect_one(drone: Drone) -> None:
             try:
                 async with asyncio.timeout(timeout_s):
                     await drone.connect()
             except TimeoutError:
-                failures[drone.config.id] = (
-                    f"{drone.config.label} at {drone.config.address} did not answer"
-                    f" within {timeout_s:.0f} s"
-                )
+                failures[drone.config.id] = self._silence(drone, timeout_s)
+            except DroneError as error:
+                failures[drone.config.id] = str(error)
 
         async with asyncio.TaskGroup() as group:
-            for drone in self.drones.values():
+            for drone_id, drone in self.drones.items():
+                if drone_id in failures:
+                    continue
                 group.create_task(connect_one(drone), name=f"connect {drone.config.id}")
         return failures
+
+    def _silence(self, drone: Drone, waited_s: float) -> str:
+        config = drone.config
+        who = f"{config.label} at {self.address(config.id)}"
+        if drone.answers and drone.telemetry is None:
+            return (
+                f"{who} answers, but no state report arrives at UDP port {config.state_port};"
+                " does a firewall keep it out?"
+            )
+        return f"{who} did not answer within {waited_s:.0f} s"
+
+    def address(self, drone_id: str) -> str:
+        """Return where a drone is spoken to; empty while that is not known."""
+        link = self._udp.get(drone_id)
+        return self.drones[drone_id].config.address if link is None else link.address
+
+    # The operator ------------------------------------------------------------------------------
+
+    def note_operator(self) -> None:
+        """Note a sign of life of the operator; from the first one on their absence counts."""
+        self._operator_s = self._clock()
+
+    def forget_operator(self) -> None:
+        """Note that the operator took leave: their absence counts no longer."""
+        self._operator_s = None
+
+    def _operator_silence_s(self) -> float | None:
+        return None if self._operator_s is None else self._clock() - self._operator_s
+
+    def _note_fired(self, drone_id: str, fired: Fired) -> None:
+        number = self.fired[-1].number + 1 if self.fired else 1
+        self.fired.append(FiredNote(drone_id, fired, self._clock(), number))
+
+    # Stops -----------------------------------------------------------------------------------
 
     def hold(self, drone_id: str | None = None) -> None:
         """See ``StopControl.hold``; raises KeyError for an unknown drone."""

@@ -8,6 +8,7 @@ sockets belong to a ``PortBoard`` that all links of a fleet share.
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import socket
 import time
@@ -88,9 +89,14 @@ class PortBoard:
         self._opening = asyncio.Lock()
 
     async def join(
-        self, config: DroneConfig, port: int, receiver: Receiver, buffer_bytes: int = 0
+        self,
+        config: DroneConfig,
+        address: str,
+        port: int,
+        receiver: Receiver,
+        buffer_bytes: int = 0,
     ) -> asyncio.DatagramTransport:
-        """Have datagrams of a drone to local ``port`` delivered to ``receiver``.
+        """Have datagrams from ``address`` to local ``port`` delivered to ``receiver``.
 
         Port 0 means a socket of the drone's own on any free port.
 
@@ -104,77 +110,120 @@ class PortBoard:
                 opened = await self._open(config, port, buffer_bytes)
                 if port:
                     self._ports[key] = opened
-        opened.receivers[config.address] = receiver
+        opened.receivers[address] = receiver
         assert opened.transport is not None
         return opened.transport
 
-    def leave(self, config: DroneConfig, port: int) -> None:
+    def leave(self, config: DroneConfig, address: str, port: int) -> None:
         """Stop delivery to a drone; the last one closes the socket."""
         key = (config.local_address, config.interface, port)
         opened = self._ports.get(key)
         if opened is None:
             return
-        opened.receivers.pop(config.address, None)
+        opened.receivers.pop(address, None)
         if not opened.receivers and opened.transport is not None:
             opened.transport.close()
             del self._ports[key]
 
     async def _open(self, config: DroneConfig, port: int, buffer_bytes: int) -> _Port:
-        bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            bound.setblocking(False)
-            if config.interface:
-                device = config.interface.encode() + b"\0"
-                bound.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device)
-            if buffer_bytes:
-                bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
-            bound.bind((config.local_address, port))
-        except OSError as error:
-            bound.close()
-            where = config.local_address or "any address"
-            where += f" on {config.interface}" if config.interface else ""
-            reason = error.strerror or str(error)
-            raise LinkError(
-                f"{config.id}: cannot open UDP port {port or 'any'} of {where}: {reason}"
-            ) from error
+        bound = bound_socket(config, port, buffer_bytes)
         loop = asyncio.get_running_loop()
         _, protocol = await loop.create_datagram_endpoint(lambda: _Port(self._clock), sock=bound)
         return protocol
+
+
+def bound_socket(config: DroneConfig, port: int, buffer_bytes: int = 0) -> socket.socket:
+    """Return a UDP socket on a drone's local address and interface; port 0 means any free one.
+
+    Raises:
+        LinkError: If it cannot be opened.
+    """
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        bound.setblocking(False)
+        if config.interface:
+            device = config.interface.encode() + b"\0"
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device)
+        if buffer_bytes:
+            bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
+        bound.bind((config.local_address, port))
+    except OSError as error:
+        bound.close()
+        where = config.local_address or "any address"
+        where += f" on {config.interface}" if config.interface else ""
+        raise LinkError(
+            f"{config.id}: cannot open UDP port {port or 'any'} of {where}:"
+            f" {_reason(error, config)}"
+        ) from error
+    return bound
+
+
+def _reason(error: OSError, config: DroneConfig) -> str:
+    """Return what is wrong with a socket and what to do about it."""
+    match error.errno:
+        case errno.ENODEV:
+            return f"there is no interface {config.interface!r}"
+        case errno.EPERM if config.interface:
+            return "binding to an interface needs the capability CAP_NET_RAW (or root)"
+        case errno.EADDRINUSE:
+            return "the port is in use; is another console running?"
+        case errno.EADDRNOTAVAIL:
+            return f"{config.local_address} is no address of this machine"
+        case _:
+            return error.strerror or str(error)
 
 
 class UdpDroneLink:
     """A drone over UDP.
 
     Attributes:
+        address: Where it is; empty while that is not known.
         unsent: Datagrams that could not be handed to the network.
     """
 
     def __init__(self, config: DroneConfig, board: PortBoard | None = None) -> None:
+        self.address = config.address
         self.unsent = 0
         self._config = config
         self._board = board if board is not None else PortBoard()
         self._command: asyncio.DatagramTransport | None = None
-        self._drone = (config.address, config.command_port)
+        self._receivers: tuple[Receiver, Receiver, Receiver] | None = None
 
     async def open(self, on_reply: Receiver, on_state: Receiver, on_video: Receiver) -> None:
         """See ``DroneLink.open``."""
-        config, board = self._config, self._board
+        self._receivers = on_reply, on_state, on_video
+        config, board, address = self._config, self._board, self.address
         try:
-            await board.join(config, config.state_port, on_state)
-            await board.join(config, config.video_port, on_video, _VIDEO_BUFFER_BYTES)
+            await board.join(config, address, config.state_port, on_state)
+            await board.join(config, address, config.video_port, on_video, _VIDEO_BUFFER_BYTES)
             # Replies go to the port a command came from, so every drone gets a port of its own.
-            self._command = await board.join(config, 0, on_reply)
+            self._command = await board.join(config, address, 0, on_reply)
         except LinkError:
             self.close()
             raise
 
+    async def move_to(self, address: str) -> None:
+        """Go on with the drone at another address.
+
+        Raises:
+            LinkError: If a socket cannot be opened.
+        """
+        before, self.address = self.address, address
+        if self._receivers is None or before == address:
+            return
+        if self._command is not None:
+            self._command.close()
+        await self.open(*self._receivers)
+        # Only now, so that a shared port stays open.
+        self._leave(before)
+
     def send(self, datagram: bytes) -> None:
         """See ``DroneLink.send``."""
-        if self._command is None or self._command.is_closing():
+        if self._command is None or self._command.is_closing() or not self.address:
             self.unsent += 1
             return
         try:
-            self._command.sendto(datagram, self._drone)
+            self._command.sendto(datagram, (self.address, self._config.command_port))
         except OSError as error:
             # A vanished interface raises here; a stop to the other drones must go on.
             self.unsent += 1
@@ -185,5 +234,8 @@ class UdpDroneLink:
         if self._command is not None:
             self._command.close()
             self._command = None
-        self._board.leave(self._config, self._config.state_port)
-        self._board.leave(self._config, self._config.video_port)
+        self._leave(self.address)
+
+    def _leave(self, address: str) -> None:
+        self._board.leave(self._config, address, self._config.state_port)
+        self._board.leave(self._config, address, self._config.video_port)

@@ -11,7 +11,7 @@ sign conventions:
 from __future__ import annotations
 
 import math
-from collections import deque
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +20,10 @@ import numpy as np
 from server.stages import Setpoint, Telemetry
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+
+# Loss-proof commands carry one of this many labels, in a head of this many bytes.
+LABELS = 100
+_HEAD_BYTES = 7
 
 # The range finder reports these when it measured nothing (too near, too far).
 _TOF_SENTINELS_CM = (10, 6553)
@@ -79,6 +83,35 @@ def encode_command(text: str) -> bytes:
     if not text or not text.isascii() or not text.isprintable():
         raise ProtocolError(f"a command must be printable ASCII, not {text!r}")
     return text.encode("ascii")
+
+
+def encode_labelled(label: int, copy: int, text: str) -> bytes:
+    """Return a command in the EDU's loss-proof form, ``ReNNkk command``.
+
+    The drone carries out the first copy of a label that reaches it and answers the others with the
+    same reply. The form is the vendor's own programs'; the guides do not tell of it.
+
+    Args:
+        label: NN, 0-99; commands in flight or just past must have different ones.
+        copy: kk, 1-99.
+        text: The command.
+
+    Raises:
+        ProtocolError: If a number is out of range or ``text`` cannot be sent.
+    """
+    if not 0 <= label < LABELS or not 1 <= copy <= 99:
+        raise ProtocolError(f"label {label} or copy {copy} is out of range")
+    return b"Re%02d%02d %s" % (label, copy, encode_command(text))
+
+
+def split_label(datagram: bytes) -> tuple[int | None, bytes]:
+    """Return label and body of a reply; the label is None when it carries none."""
+    head = datagram[:_HEAD_BYTES]
+    if len(head) == _HEAD_BYTES and head.startswith(b"Re") and head.endswith(b" "):
+        digits = head[2:6]
+        if digits.isdigit():
+            return int(digits[:2]), datagram[_HEAD_BYTES:]
+    return None, datagram
 
 
 def encode_rc(sticks: tuple[int, int, int, int]) -> bytes:
@@ -196,74 +229,71 @@ def _stick(speed: float, curve: np.ndarray, still: float) -> int:
     return int(math.copysign(round(float(np.interp(abs(speed), curve, _STICK))), speed))
 
 
-class CommandChannel:
-    """Matches replies to commands: at most one command is outstanding.
+# Answers to reads --------------------------------------------------------------------------------
 
-    Replies carry no identity. Every command therefore has an epoch, and the channel keeps count of
-    replies that are still owed to nobody: those of commands given up (they may come late) and of
-    datagrams sent past the channel (stops and repeats). While such a reply is owed, the next one
-    to arrive is taken for it and dropped. The price is that a command may time out although it was
-    answered; that is harmless, a wrong ``ok`` is not.
+# A number and the unit that most firmwares append to it.
+_READ = re.compile(r"([+-]?\d{1,9}(?:\.\d{1,9})?)\s*(s|dm|cm|mm|m|C|%)?", re.IGNORECASE)
+_METRES = {"dm": 0.1, "cm": 0.01, "mm": 0.001, "m": 1.0}
 
-    Attributes:
-        epoch: Counts commands; a result belongs to a command only when the epoch still agrees.
-        discarded: Replies dropped as late, stray or unasked.
-        garbage: Datagrams that were no reply at all.
+
+def read_number(text: str, unit: str = "") -> float:
+    """Read ``87``, ``24s``, ``100.0``: a number that may carry ``unit``.
+
+    Raises:
+        ProtocolError: If it is no number or has another unit.
     """
+    match = _READ.fullmatch(text.strip())
+    if match is None or (match[2] or unit).lower() != unit.lower():
+        raise ProtocolError(f"not a number{f' in {unit}' if unit else ''}: {text!r}")
+    return float(match[1])
 
-    def __init__(self) -> None:
-        self.epoch = 0
-        self.discarded = 0
-        self.garbage = 0
-        self._outstanding: str | None = None
-        self._owed_until_s: deque[float] = deque()
 
-    @property
-    def outstanding(self) -> str | None:
-        """The command that waits for its reply."""
-        return self._outstanding
+def read_length_m(text: str, plain: str) -> float:
+    """Read a length, ``15dm``, ``875mm`` or a bare number in the unit ``plain``; metres.
 
-    def begin(self, text: str) -> bytes:
-        """Make ``text`` the outstanding command and return its datagram.
+    Raises:
+        ProtocolError: If it is no length.
+    """
+    match = _READ.fullmatch(text.strip())
+    metres = None if match is None else _METRES.get((match[2] or plain).lower())
+    if match is None or metres is None:
+        raise ProtocolError(f"not a length: {text!r}")
+    return float(match[1]) * metres
 
-        Raises:
-            ProtocolError: If another command is outstanding or ``text`` cannot be sent.
-        """
-        if self._outstanding is not None:
-            raise ProtocolError(f"{text!r} while {self._outstanding!r} is outstanding")
-        datagram = encode_command(text)
-        self._outstanding = text
-        self.epoch += 1
-        return datagram
 
-    def owe(self, now_s: float, patience_s: float, copies: int = 1) -> None:
-        """Note that ``copies`` replies may come until ``now_s + patience_s`` that answer nobody."""
-        self._owed_until_s.extend([now_s + patience_s] * copies)
+def read_temperature_c(text: str) -> tuple[float, float]:
+    """Read ``85~88C`` or ``86``: the lowest and highest temperature, degrees Celsius.
 
-    def give_up(self, now_s: float, patience_s: float) -> None:
-        """End the wait for the outstanding command; its reply, if it still comes, is dropped."""
-        if self._outstanding is not None:
-            self._outstanding = None
-            self.epoch += 1
-            self.owe(now_s, patience_s)
+    Raises:
+        ProtocolError: If it is neither.
+    """
+    low, tilde, high = text.strip().partition("~")
+    highest = read_number(high if tilde else low, "C")
+    return (read_number(low, "C") if tilde else highest), highest
 
-    def receive(self, datagram: bytes, now_s: float) -> Reply | None:
-        """Return the reply when it answers the outstanding command, else None."""
-        try:
-            reply = decode_reply(datagram)
-        except ProtocolError:
-            self.garbage += 1
-            return None
-        self._owed_until_s = deque(until for until in self._owed_until_s if until > now_s)
-        if reply.kind == "forced_stop":
-            self.discarded += 1
-            return None
-        if self._owed_until_s:
-            self._owed_until_s.popleft()
-            self.discarded += 1
-            return None
-        if self._outstanding is None:
-            self.discarded += 1
-            return None
-        self._outstanding = None
-        return reply
+
+def read_fields(text: str) -> dict[str, float]:
+    """Read ``pitch:0;roll:-1;yaw:0;`` and the like, in the drone's own units and axes.
+
+    Raises:
+        ProtocolError: If it holds anything but named numbers, or none.
+    """
+    values: dict[str, float] = {}
+    for item in text.strip().strip(";").split(";"):
+        name, colon, value = item.partition(":")
+        if not colon or not name.strip():
+            raise ProtocolError(f"not a list of named numbers: {text!r}")
+        values[name.strip()] = read_number(value)
+    return values
+
+
+def read_serial(text: str) -> str:
+    """Read a serial number.
+
+    Raises:
+        ProtocolError: If it is not 10-20 capital letters and digits.
+    """
+    serial = text.strip()
+    if not re.fullmatch(r"[0-9A-Z]{10,20}", serial):
+        raise ProtocolError(f"not a serial number: {text!r}")
+    return serial

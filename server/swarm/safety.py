@@ -25,6 +25,13 @@ Array = NDArray[np.float64]
 
 # Inside the standoff or outside the fence a drone is driven back, but never faster than this.
 _RETREAT_M_S = 0.25
+# The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
+_SIGMAS = 2.0
+_MARGIN_MAX_M = 0.4
+# A coasting drone's speed and turn are not exactly those told.
+_COAST_MARGIN_M = 0.25
+# When, as shares of the coasting time, it must be inside the fence.
+_COAST_SHARES = np.linspace(0.0, 1.0, 9)[1:]
 # No wish is faster than this; far more would overflow when squared.
 _ABSURD_M_S = 1e3
 
@@ -131,7 +138,9 @@ def limit_setpoint(
     """Return the setpoint, slowed so that the drone stays within fence, floor, ceiling, standoff.
 
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
-    retreat. Fence, floor and ceiling have the last word over the standoff.
+    retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
+    what is unsure about the pose, and no velocity would carry the drone over it or through the
+    ceiling within ``coast_s``: a Tello whose link dies flies on with its last sticks.
 
     Args:
         setpoint: Wanted body velocity and yaw rate.
@@ -145,17 +154,51 @@ def limit_setpoint(
     speed = float(np.linalg.norm(velocity))
     if speed > config.max_speed_m_s:
         velocity = velocity * (config.max_speed_m_s / speed)
-    limits = _limits(pose.position_world, target, config)
+    fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
+    limits = _limits(pose.position_world, target, fence_m, config)
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):
         for limit in limits:
             velocity = limit.apply(velocity)
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
+    place = pose.position_world[:2]
+    velocity[:2] = _coastable(place, velocity[:2], rate, config)
+    headroom_m = config.ceiling_m - _COAST_MARGIN_M - float(pose.position_world[2])
+    if headroom_m > 0.0:
+        velocity[2] = min(float(velocity[2]), headroom_m / config.coast_s)
     return Setpoint(turn.T @ velocity, rate)
 
 
-def _limits(position: Array, target: Box3 | None, config: SafetyConfig) -> list[_Limit]:
+def _coastable(
+    position: Array, velocity: Array, yaw_rate: float, config: SafetyConfig
+) -> Array:
+    """Return ``velocity`` ``(2,)``, slowed until a drone that coasts with it stays inside.
+
+    Sticks are in the body's axes: whoever also turns flies a circle, not a line. A drone that goes
+    round the object facing it is at full speed as safe as one that creeps straight on.
+    """
+    reach_m, coast_s = config.fence_radius_m - _COAST_MARGIN_M, config.coast_s
+    if np.hypot(position[0], position[1]) >= reach_m:
+        return velocity  # Out there the fence's own limit leads back.
+    angles = yaw_rate * coast_s * _COAST_SHARES
+    # Displacement per unit of velocity: the integral of the rotation over time.
+    along = coast_s * _COAST_SHARES * np.sinc(angles / np.pi)
+    aside = coast_s * _COAST_SHARES * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
+    moved = np.stack(
+        [along * velocity[0] - aside * velocity[1], aside * velocity[0] + along * velocity[1]]
+    )
+    # Largest share s of the way with |position + s moved| <= reach, at every moment.
+    a = (moved**2).sum(axis=0)
+    half_b = position @ moved
+    c = float(position @ position) - reach_m**2
+    shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
+    return velocity * min(1.0, float(shares.min()))
+
+
+def _limits(
+    position: Array, target: Box3 | None, fence_m: float, config: SafetyConfig
+) -> list[_Limit]:
     def towards(normal: Array, distance_m: float) -> _Limit:
         return _Limit(normal, max(distance_m / config.brake_s, -_RETREAT_M_S))
 
@@ -172,7 +215,7 @@ def _limits(position: Array, target: Box3 | None, config: SafetyConfig) -> list[
     radius_m = math.hypot(position[0], position[1])
     if radius_m > 1e-6:
         outward = np.array([position[0], position[1], 0.0]) / radius_m
-        limits.append(towards(outward, config.fence_radius_m - radius_m))
+        limits.append(towards(outward, fence_m - radius_m))
     limits.append(towards(np.array([0.0, 0.0, 1.0]), config.ceiling_m - position[2]))
     limits.append(towards(np.array([0.0, 0.0, -1.0]), position[2] - config.floor_m))
     return limits

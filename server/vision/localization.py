@@ -25,9 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from server.geometry.axes import R_BODY_LEVEL_CAM, wrap_angle
+from server.geometry.axes import R_BODY_LEVEL_CAM, rotation_z, rotation_zyx, wrap_angle
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import transform_from
 from server.stages import Box, CameraPose, Telemetry
@@ -146,7 +145,7 @@ class PoseFilter:
         self.refused_boxes = 0
         self._config = config
         self._intrinsics = intrinsics
-        self._tilt_rad = tilt_rad
+        self._R_body_cam = rotation_zyx(0.0, tilt_rad, 0.0) @ R_BODY_LEVEL_CAM
         self._prior = prior_target(config)
         self._start_yaw = start_yaw
         self._telemetry: Telemetry | None = None
@@ -201,7 +200,7 @@ class PoseFilter:
         F, Q = np.eye(_SIZE), np.zeros(_SIZE)
         Q[_B] = config.yaw_drift_rad_sqrt_s**2 * dt_s
         if not resting:
-            R = Rotation.from_euler("z", self._x[_B] + yaw_reported).as_matrix()
+            R = rotation_z(self._x[_B] + yaw_reported)
             moved = R @ (velocity_body - self._x[_E]) * dt_s
             self._x[_P] += moved
             F[_P, _B] = np.cross(_UP, moved)
@@ -330,6 +329,14 @@ class PoseFilter:
         covariance[3, 3] += self._config.yaw_sigma_rad**2
         return CameraPose(self.drone_id, now_s, transform_from(R_world_cam, position), covariance)
 
+    def velocity(self) -> Array:
+        """Return the believed velocity ``(3,)``, world m/s: as reported, less its believed error."""
+        t = self._telemetry
+        if t is None or _rests(t):
+            return np.zeros(3)
+        x, _ = self._conditioned()
+        return rotation_z(x[_B] + t.yaw_rad) @ (t.velocity_m_s - x[_E])
+
     def _offset_s(self, at_s: float) -> float:
         limit = self._config.max_extrapolation_s
         newest = at_s if self._telemetry is None else self._telemetry.received_s
@@ -347,11 +354,9 @@ class PoseFilter:
             yaw = x[_B] + t.yaw_rad + self._yaw_rate_rad_s * dt_s
             pitch, roll = (t.pitch_rad, t.roll_rad) if self._config.use_attitude else (0.0, 0.0)
             velocity = np.zeros(3) if _rests(t) else t.velocity_m_s - x[_E]
-            position = x[_P] + Rotation.from_euler("z", yaw).as_matrix() @ velocity * dt_s
+            position = x[_P] + rotation_z(yaw) @ velocity * dt_s
         # Nose up and right side down are positive; turning about left lowers the nose.
-        R_world_body = Rotation.from_euler("ZYX", [yaw, -pitch, roll]).as_matrix()
-        R_body_tilted = Rotation.from_euler("y", self._tilt_rad).as_matrix()
-        return position, R_world_body @ R_body_tilted @ R_BODY_LEVEL_CAM
+        return position, rotation_zyx(yaw, -pitch, roll) @ self._R_body_cam
 
     def _likelihood_of_others(self, target: TargetEstimate) -> tuple[Array, Array]:
         """Return information ``(4, 4)`` and information vector ``(4,)`` beyond the common prior."""

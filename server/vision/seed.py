@@ -175,7 +175,8 @@ def _carve(
         pixels, depths = view.intrinsics.project(points, view.pose.T_world_cam)
         seen = (depths > 0.0) & view.intrinsics.contains(pixels)
         votes[seen] += _in_mask(view, pixels[seen]) if by_mask else _in_box(view, pixels[seen])
-        voters += seen
+        # An object that touches no edge is wholly in the picture: what is outside is not it.
+        voters += seen if view.box.touches_edge else 1.0
     # With one voter fewer than views a place is judged by the rest; unseen by most, it is out.
     enough = voters >= max(2.0, 0.5 * len(views))
     carved = enough & (votes >= config.agreement * voters - 1e-9)

@@ -14,6 +14,7 @@ import numpy as np
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
+from server.mission.checklist import Check
 from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
@@ -27,6 +28,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     EventStream,
+    FailsafeFired,
     FrameAnnotated,
     PlanFound,
     SeedFitted,
@@ -40,6 +42,7 @@ from server.stages import (
     Telemetry,
     Viewpoint,
 )
+from server.swarm.failsafes import Failsafe, FailsafeTable
 
 DRONES = ("drone-1", "drone-2", "drone-3", "drone-4")
 
@@ -55,19 +58,29 @@ JPEG = jpeg()
 THUMBNAIL = jpeg(160, 120)
 
 
-def drone_report(drone_id: str = "drone-1", battery_pct: int | None = 80) -> DroneReported:
+COLOURS: dict[str, str] = dict(
+    zip(DRONES, ("#5aa9ff", "#f5b041", "#46c98b", "#d78bf0"), strict=True)
+)
+
+
+def drone_report(
+    drone_id: str = "drone-1",
+    battery_pct: int | None = 80,
+    activity: str = "flying",
+    video_age_s: float = 0.03,
+) -> DroneReported:
     return DroneReported(
         drone_id=drone_id,
         name=drone_id.title(),
-        colour="#1f77b4",
-        activity="flying",
+        colour=COLOURS.get(drone_id, "#1f77b4"),
+        activity=activity,
         held=False,
         battery_pct=battery_pct,
         temperature_c=60.0,
         height_m=1.2,
         speed_m_s=0.1,
         state_age_s=0.05,
-        video_age_s=0.03,
+        video_age_s=video_age_s,
         video_fps=29.7,
         position_sigma_m=0.05,
     )
@@ -77,11 +90,58 @@ def frame(drone_id: str = "drone-1", sequence: int = 0, data: bytes = JPEG) -> F
     return FrameAnnotated(drone_id, sequence, time.monotonic(), data, damaged=False)
 
 
-def capture_changed(capture_id: str = "run-1", state: str = "running") -> CaptureChanged:
+def failsafe_fired(
+    drone_id: str = "drone-2",
+    event: str = "video_age_s",
+    action: str = "hold",
+    value: float = 4.2,
+    threshold: float = 4.0,
+    text: str = "no picture for 4.2 s",
+) -> FailsafeFired:
+    return FailsafeFired(drone_id, event, threshold, action, value, text)
+
+
+def checklist(*failed: Check) -> list[Check]:
+    """Return the checklist of the fleet, all clear but for ``failed``."""
+    found = {
+        "link": "answers",
+        "on_ground": "ground",
+        "armed": "armed",
+        "state": "report 0.1 s old",
+        "battery": "84 %",
+        "temperature": "61 degrees Celsius",
+        "video": "30 pictures per second",
+        "level": "leans 1 degrees",
+    }
+    checks = [Check(item, d, True, text) for d in DRONES for item, text in found.items()]
+    checks.append(Check("disk", None, True, "41.3 GB free for pictures"))
+    failing = {check.key: check for check in failed}
+    # A drone that does not answer tells nothing else.
+    silent = {check.drone_id for check in failed if check.item == "link"}
+    return [
+        failing.get(check.key, check)
+        for check in checks
+        if check.drone_id not in silent or check.item == "link"
+    ]
+
+
+def level_failed(drone_id: str = "drone-2") -> Check:
+    remedy = "Set it down on a level place."
+    return Check("level", drone_id, False, "leans 14 degrees", remedy)
+
+
+def link_failed(drone_id: str = "drone-3") -> Check:
+    remedy = f"Switch {drone_id.title()} on, wait for its light to blink yellow."
+    return Check("link", drone_id, False, "does not answer at 192.168.10.1", remedy, final=True)
+
+
+def capture_changed(
+    capture_id: str = "run-1", state: str = "running", phase: str = "flying round 1"
+) -> CaptureChanged:
     return CaptureChanged(
         id=capture_id,
         state=state,
-        phase="flying round 1",
+        phase=phase,
         progress=0.25,
         eta_s=60.0,
         run=f"runs/{capture_id}",
@@ -160,9 +220,25 @@ class FakeMission:
     records: dict[str, CaptureRecord] = field(default_factory=dict)
     frames: dict[str, FrameAnnotated] = field(default_factory=dict)
     kept: list[Event] = field(default_factory=list)
+    reports: dict[str, DroneReported] = field(default_factory=dict)
+    checks: list[Check] = field(default_factory=checklist)
+    table: FailsafeTable = field(default_factory=FailsafeTable)
+    operator: list[str] = field(default_factory=list)
 
     def drones(self) -> list[DroneReported]:
-        return [drone_report(drone_id) for drone_id in DRONES]
+        return [self.reports.get(drone_id) or drone_report(drone_id) for drone_id in DRONES]
+
+    def preflight(self) -> list[Check]:
+        return list(self.checks)
+
+    def failsafes(self) -> tuple[Failsafe, ...]:
+        return self.table.rows()
+
+    def note_operator(self) -> None:
+        self.operator.append("here")
+
+    def release_operator(self) -> None:
+        self.operator.append("left")
 
     def newest_frame(self, drone_id: str) -> FrameAnnotated | None:
         self._check(drone_id)

@@ -55,8 +55,10 @@ class Console:
 
 
 @asynccontextmanager
-async def serve(tmp_path: Path, scene_port: int | None = None) -> AsyncIterator[Console]:
-    mission, stops, dist = FakeMission(tmp_path / "runs"), FakeStops(), tmp_path / "dist"
+async def serve(
+    tmp_path: Path, scene_port: int | None = None, dist: Path | None = None
+) -> AsyncIterator[Console]:
+    mission, stops, dist = FakeMission(tmp_path / "runs"), FakeStops(), dist or tmp_path / "dist"
     config = replace(ApiConfig(), command_wait_s=0.2)
     web = make_web(mission, stops, Door(TOKEN), scene_port, dist, "0.1.0", config)
     server = _Server(uvicorn_config(web, "127.0.0.1", 0))

@@ -9,8 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.async_api import Error, Page, async_playwright
-from served_console import TOKEN, serve
+from fake_mission import (
+    DRONES,
+    capture_changed,
+    checklist,
+    drone_report,
+    failsafe_fired,
+    level_failed,
+    link_failed,
+)
+from playwright.async_api import Dialog, Error, Page, async_playwright, expect
+from served_console import TOKEN, Console, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
@@ -22,6 +31,10 @@ pytestmark = [pytest.mark.browser, pytest.mark.loopback, pytest.mark.slow]
 
 # A drawing context without a graphics card.
 _ARGUMENTS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+DIST = Path(__file__).parents[2] / "web/dist"
+built = pytest.mark.skipif(not (DIST / "index.html").exists(), reason="the dashboard is not built")
 
 
 @pytest.fixture
@@ -81,3 +94,173 @@ async def test_sign_in_stop_and_watch(tmp_path: Path, page: Page) -> None:
         following.cancel()
         await asyncio.gather(following, return_exceptions=True)
     assert errors == []
+
+
+async def dashboard(console: Console, page: Page) -> None:
+    """Open the real dashboard and wait for its drones."""
+    await page.goto(f"{console.http}/?token={TOKEN}")
+    for drone_id in DRONES:
+        await expect(page.get_by_test_id(f"tile-{drone_id}")).to_be_visible()
+
+
+@built
+async def test_a_capture_starts_through_the_checklist(tmp_path: Path, page: Page) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        console.mission.checks = checklist(level_failed("drone-2"), link_failed("drone-3"))
+        await dashboard(console, page)
+        await page.get_by_test_id("capture-start").click()
+        start = page.get_by_test_id("preflight-start")
+        level = page.get_by_test_id("check-drone-2.level")
+        await expect(level).to_contain_text("Not OK")
+        await expect(level).to_contain_text("leans 14 degrees")
+        await expect(level).to_contain_text("Set it down on a level place.")
+        await expect(page.get_by_test_id("check-drone-1.level")).to_contain_text("OK")
+        await expect(page.get_by_test_id("override-drone-3.link")).to_have_count(0)
+        await expect(start).to_be_disabled()
+
+        # A reason is needed; its spaces are spaces, and none of them is a HOLD.
+        await page.get_by_test_id("override-drone-2.level").click()
+        await page.keyboard.type("a ")
+        await expect(level).to_have_attribute("data-state", "failed")
+        await page.keyboard.type("ramp")
+        await expect(level).to_have_attribute("data-state", "overridden")
+        assert console.stops.calls == []
+
+        # The drone that does not answer stays, the other three fly.
+        await expect(start).to_be_disabled()
+        await page.get_by_test_id("use-others").click()
+        await expect(start).to_have_text("Take off with 3 drones")
+
+        # The stops take presses while the checklist is open.
+        await page.get_by_test_id("land").click()
+        await until(lambda: console.stops.calls == [("land", None)])
+        assert console.mission.calls == []
+
+        # Somebody trips over a cable: the checklist is looked at again and again.
+        console.mission.checks = checklist(
+            level_failed("drone-2"), link_failed("drone-3"), link_failed("drone-4")
+        )
+        await expect(start).to_be_disabled()
+        console.mission.checks = checklist(level_failed("drone-2"), link_failed("drone-3"))
+        await expect(start).to_be_enabled()
+        await start.click()
+        await expect(page.get_by_test_id("preflight")).to_have_count(0)
+    ((_, request),) = console.mission.calls
+    assert request.drones == 3  # type: ignore[attr-defined]
+    assert request.overrides == {"drone-2.level": "a ramp"}  # type: ignore[attr-defined]
+
+
+@built
+async def test_a_failsafe_lights_its_row_and_its_drone(tmp_path: Path, page: Page) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        publish = console.mission.events.publish
+        await dashboard(console, page)
+        verdict = page.get_by_test_id("failsafe-verdict")
+        await expect(verdict).to_have_text("None fires")
+        await page.get_by_test_id("failsafe-toggle").click()
+        row = page.get_by_test_id("failsafe-video_age_s-hold")
+        resting = page.get_by_test_id("failsafe-video_age_s-land")
+        await expect(row).to_contain_text("≥ 4 s")
+        await expect(row).to_have_attribute("data-lit", "false")
+
+        publish(drone_report("drone-2", activity="holding", video_age_s=4.2))
+        publish(failsafe_fired("drone-2"))
+        await expect(row).to_have_attribute("data-lit", "true")
+        await expect(row).to_contain_text("Drone-2")
+        await expect(row).to_contain_text("4.2 s")
+        await expect(resting).to_have_attribute("data-lit", "false")
+        await expect(verdict).to_have_text("1 fires")
+        tile = page.get_by_test_id("fired-drone-2")
+        await expect(tile).to_have_text("Holding: no picture for 4.2 s")
+        # Closed, the panel still shows what fires.
+        await page.get_by_test_id("failsafe-toggle").click()
+        await expect(row).to_be_visible()
+        await expect(resting).to_have_count(0)
+
+        publish(drone_report("drone-2"))
+        await expect(verdict).to_have_text("None fires")
+        await expect(tile).to_have_count(0)
+
+
+@built
+async def test_cut_motors_needs_holding(tmp_path: Path, page: Page) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        await dashboard(console, page)
+        cut, told = page.get_by_test_id("cut"), page.get_by_test_id("cut-announcement")
+        await cut.click()
+        await expect(told).to_contain_text("Released too early")
+        await cut.press("Enter")
+        await cut.dblclick()
+        assert console.stops.calls == []
+
+        await cut.hover()
+        await page.mouse.down()
+        await expect(told).to_contain_text("Keep holding")
+        await until(lambda: console.stops.calls == [("cut_motors", None)])
+        await page.mouse.up()
+        await expect(told).to_contain_text("was sent")
+
+        await cut.focus()
+        await page.keyboard.down("Enter")
+        await until(lambda: console.stops.calls == 2 * [("cut_motors", None)])
+        await page.keyboard.up("Enter")
+
+        # HOLD and LAND are one press; space is HOLD wherever no text is typed, here on CUT itself.
+        await page.keyboard.press("Space")
+        await until(lambda: console.stops.calls[2:] == [("hold", None)])
+        await page.get_by_test_id("land").click()
+        await until(lambda: console.stops.calls[2:] == [("hold", None), ("land", None)])
+
+
+@built
+async def test_who_flies_is_in_command_until_they_take_leave(tmp_path: Path, page: Page) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        signs = console.mission.operator
+        await dashboard(console, page)
+        command = page.get_by_test_id("in-command")
+        # A stop is no flying: whoever only watches and stops is not missed when they go.
+        await page.get_by_test_id("land").click()
+        await until(lambda: len(console.stops.calls) == 1)
+        await expect(command).to_have_count(0)
+        assert signs == []
+
+        await page.get_by_test_id("capture-start").click()
+        await page.get_by_test_id("preflight-start").click()
+        await expect(command).to_contain_text("This tab is in command")
+        await until(lambda: len(signs) >= 3)  # The first at once, then from the worker's timer.
+
+        # Closing or reloading asks first, as drones fly; the tab that was reloaded goes on.
+        asked: list[str] = []
+
+        async def accept(dialog: Dialog) -> None:
+            asked.append(dialog.type)
+            await dialog.accept()
+
+        page.on("dialog", accept)
+        await page.reload()
+        await expect(command).to_be_visible()
+        assert asked == ["beforeunload"]
+        before = len(signs)
+        await until(lambda: len(signs) > before + 1)
+        assert "left" not in signs
+
+        leave = page.get_by_test_id("leave-unattended")
+        await leave.click()
+        await expect(leave).to_have_text("Leave? Nobody watches")
+        assert "left" not in signs
+        await leave.click()
+        await expect(command).to_have_count(0)
+        await until(lambda: signs[-1] == "left")
+
+
+@built
+async def test_a_grounded_capture_says_what_to_do(tmp_path: Path, page: Page) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        console.mission.checks = checklist(link_failed("drone-3"))
+        console.mission.keep(capture_changed("run-1", "paused", "grounded"))
+        await dashboard(console, page)
+        card = page.get_by_test_id("grounded")
+        await expect(card).to_contain_text("4 of 24 pictures are safe")
+        await expect(card).to_contain_text("does not answer")
+        await page.get_by_test_id("capture-resume").click()
+        await until(lambda: console.mission.records["run-1"].status.state == "running")

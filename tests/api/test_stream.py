@@ -14,12 +14,13 @@ from fake_mission import (
     JPEG,
     capture_changed,
     drone_report,
+    failsafe_fired,
     frame,
     picture_taken,
     plan_found,
     seed_fitted,
 )
-from served_console import Console
+from served_console import Console, until
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
@@ -97,6 +98,42 @@ async def test_events_follow_as_they_happen(console: Console) -> None:
         console.mission.events.publish(picture_taken(5))
         picture = await text(socket)
         assert str(picture["thumbnail"]).startswith("data:image/jpeg;base64,/9j/")
+
+
+async def test_failsafes_that_fired_are_told_now_and_to_newcomers(console: Console) -> None:
+    earlier = failsafe_fired("drone-1", "battery_pct", "land", 14.0, 15.0, "battery at 14 %")
+    console.mission.kept = [earlier]
+    async with listening(console) as socket:
+        (told,) = [m for m in await settled(socket) if m["type"] == "failsafe_fired"]
+        assert (told["drone_id"], told["action"], told["value"]) == ("drone-1", "land", 14.0)
+        assert told["at"] == earlier.at.isoformat()
+        console.mission.events.publish(failsafe_fired(value=float("nan"), text="no picture"))
+        news = await text(socket)
+    assert (news["event"], news["threshold"], news["text"]) == ("video_age_s", 4.0, "no picture")
+    assert news["value"] is None  # Not a number is not JSON.
+
+
+async def test_several_failsafes_of_one_moment_all_arrive(console: Console) -> None:
+    async with listening(console) as socket:
+        await settled(socket)
+        for drone_id in DRONES:
+            console.mission.events.publish(failsafe_fired(drone_id, "operator_silence_s"))
+        told = [(await text(socket))["drone_id"] for _ in DRONES]
+    assert told == list(DRONES)
+
+
+async def test_heartbeats_reach_the_mission_and_watching_does_not(console: Console) -> None:
+    async with listening(console) as viewer, listening(console) as operator:
+        await settled(viewer)
+        await viewer.send(json.dumps({"type": "show_tiles", "drone_ids": []}))
+        for _ in range(3):
+            await operator.send(json.dumps({"type": "heartbeat"}))
+        await until(lambda: len(console.mission.operator) >= 3)
+        # Closing takes no leave: the silence that follows is the failsafe's business.
+        await operator.close()
+        await viewer.send(json.dumps({"type": "release_command"}))
+        await until(lambda: len(console.mission.operator) >= 4)
+    assert console.mission.operator == ["here", "here", "here", "left"]
 
 
 async def test_one_picture_is_on_its_way_until_it_was_shown(console: Console) -> None:
@@ -187,6 +224,8 @@ async def test_a_slow_client_does_not_slow_the_others(console: Console) -> None:
         ('{"type": "tile_shown", "drone_id": "drone-1"}', 1008),
         ('{"type": "tile_shown", "drone_id": "drone-1", "sequence": 1, "more": 2}', 1008),
         ('{"type": "show_tiles", "drone_ids": "drone-1"}', 1008),
+        ('{"type": "heartbeat", "drone_id": "drone-1"}', 1008),
+        ('{"type": "release_command", "now": true}', 1008),
         ("[" * 5000, 1008),
         (b"\x00\x01", 1003),
     ],

@@ -7,12 +7,15 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from server.geometry.poses import yaw_of_camera
+from server.geometry.poses import camera_pose, yaw_of_camera
 from server.sim.config import DynamicsConfig, SimConfig, fleet_config
-from server.sim.drone import placed_airframe
-from server.sim.dynamics import Airframe, stick_speed
+from server.sim.dynamics import Airframe
 from server.sim.sdk import state_line
+from server.sim.sensors import camera_from_angles
+from server.sim.sticks import stick_speed
+from server.sim.tello import placed_airframe
 from server.stages import Setpoint
 from server.swarm.protocol import decode_state, rc_from_setpoint
 
@@ -169,6 +172,24 @@ def test_manoeuvres_end_at_their_goal() -> None:
     assert body.yaw_rad == pytest.approx(0.0, abs=math.radians(3))
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_drifting_drone_still_comes_to_the_end_of_a_move(seed: int) -> None:
+    """Clients in the wild give a move seven seconds."""
+    body = hovering(DynamicsConfig(), seed=seed)
+    start = body.position
+    body.fly(0.0, 0.0, 0.4, 1.0)
+    assert fly(body, 6.5) == 1
+    assert body.position[2] - start[2] == pytest.approx(0.4, abs=0.15)
+
+
+def test_a_move_against_the_wind_ends_where_its_time_is_up() -> None:
+    body = hovering()
+    body.whims.wind = (-1.5, 0.0, 0.0)
+    body.fly(1.0, 0.0, 0.0, 0.5)
+    assert fly(body, 12.0) == 1
+    assert body.position[0] < 0.5
+
+
 def test_it_never_sinks_below_the_floor() -> None:
     body = hovering()
     body.sticks = (0.0, 0.0, -100.0, 0.0)
@@ -218,7 +239,7 @@ def test_the_whole_chain_to_telemetry_keeps_signs_and_steps() -> None:
 def test_the_range_finder_reports_sentinels() -> None:
     body = airframe()
     assert body.readings()["tof"] == 10
-    body.position[2] = 9.0
+    body.position = np.array([0.0, 0.0, 9.0])
     assert body.readings()["tof"] == 6553
 
 
@@ -249,6 +270,21 @@ def test_the_camera_looks_ahead_and_down() -> None:
     assert yaw_of_camera(T) == pytest.approx(0.0, abs=1e-6)
     assert T[2, 2] == pytest.approx(-math.sin(math.radians(12.0)), abs=1e-3)
     assert T[0, 3] == pytest.approx(0.035, abs=1e-6)
+
+
+def test_the_camera_pose_written_out_is_the_composed_one() -> None:
+    """Against the poses module's own composition and a turn about the optical axis."""
+    for yaw, nose, roll in [(0.3, 0.2, 0.0), (-2.0, 0.5, 0.3), (1.0, -0.4, -1.0)]:
+        expected = camera_pose(np.array([1.0, 2.0, 3.0]), yaw, nose)
+        expected[:3, :3] = expected[:3, :3] @ Rotation.from_euler("z", roll).as_matrix()
+        got = camera_from_angles((1.0, 2.0, 3.0), yaw, nose, roll)
+        np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
+def test_the_downward_camera_sees_the_floor_with_the_nose_up() -> None:
+    T = hovering(yaw_rad=0.7).T_world_down_cam()
+    np.testing.assert_allclose(T[:3, 2], [0.0, 0.0, -1.0], atol=1e-12)
+    np.testing.assert_allclose(-T[:3, 1], [math.cos(0.7), math.sin(0.7), 0.0], atol=1e-12)
 
 
 def test_drones_are_set_down_roughly_on_the_circle() -> None:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from server.sim.config import DynamicsConfig
 from server.sim.dynamics import Airframe
 from server.sim.sdk import AUTO_LAND_S, TextSdk
+from server.sim.words import LEVELS, SdkLevel
 
 STEP_S = 0.02
 ME = ("127.0.0.1", 40000)
@@ -21,10 +22,12 @@ ME = ("127.0.0.1", 40000)
 class Tello:
     """A simulated drone and its clock."""
 
-    def __init__(self, *, entered: bool = True) -> None:
+    def __init__(
+        self, *, entered: bool = True, level: SdkLevel = "3.0", friendly: bool = False
+    ) -> None:
         config = DynamicsConfig(drift_sigma_m_s=0.0, yaw_walk_deg=0.0, gyro_bias_deg_s=0.0)
         self.airframe = Airframe(np.zeros(3), 0.0, config, np.random.default_rng(0))
-        self.sdk = TextSdk(self.airframe, "0TQTEST0000001")
+        self.sdk = TextSdk(self.airframe, "0TQTEST0000001", level, friendly_reads=friendly)
         self.now_s = 0.0
         if entered:
             assert self.say("command") == ["ok"]
@@ -102,7 +105,7 @@ def test_refusals() -> None:
     assert tello.say("go 20 -20 20 50") == ["out of range"]
     assert tello.say("speed 101") == ["out of range"]
     assert tello.say("go 100 0 0 5") == ["out of range"]
-    assert tello.say("setbitrate 2") == ["unknown command: setbitrate"]
+    assert tello.say("setpace 2") == ["unknown command: setpace"]
     assert tello.say("up") == ["unknown command: up"]
     assert tello.say("up x") == ["unknown command: up"]
     tello.take_off()
@@ -171,7 +174,7 @@ READS = {
     "speed?": r"\d+\.\d",
     "time?": r"\d+s",
     "wifi?": r"\d+",
-    "sdk?": r"20",
+    "sdk?": r"30",
     "sn?": r"[A-Z0-9]{14}",
     "height?": r"-?\d+dm",
     "temp?": r"\d+~\d+C",
@@ -179,6 +182,14 @@ READS = {
     "acceleration?": r"agx:-?\d+\.\d\d;agy:-?\d+\.\d\d;agz:-?\d+\.\d\d;",
     "baro?": r"-?\d+\.\d{6}",
     "tof?": r"\d+mm",
+    "hardware?": r"TELLO",
+}
+FRIENDLY = READS | {
+    "speed?": r"\d+",
+    "time?": r"\d+",
+    "height?": r"\d+",
+    "temp?": r"\d+",
+    "baro?": r"-?\d+",
 }
 
 
@@ -186,6 +197,52 @@ READS = {
 def test_reads_look_like_a_real_drones(read: str) -> None:
     (reply,) = Tello().say(read)
     assert re.fullmatch(READS[read] + "\r\n", reply)
+
+
+@pytest.mark.parametrize("read", FRIENDLY)
+def test_friendly_reads_are_plain_numbers_where_clients_want_them(read: str) -> None:
+    (reply,) = Tello(friendly=True).say(read)
+    assert re.fullmatch(FRIENDLY[read] + "\r\n", reply)
+
+
+SINCE = {
+    "1.3": ["battery?", "height?", "temp?", "tof?", "speed 50", "streamon", "flip l"],
+    "2.0": ["sdk?", "sn?", "stop", "mon", "ap a b"],
+    "3.0": ["hardware?", "motoron", "port 8890 11111", "setfps low", "setbitrate 3", "keepalive"],
+}
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_each_level_knows_its_words_and_no_later_ones(level: SdkLevel) -> None:
+    for since, words in SINCE.items():
+        for word in words:
+            (reply,) = Tello(level=level).say(word)
+            known = LEVELS.index(since) <= LEVELS.index(level)  # pyright: ignore[reportArgumentType]
+            assert reply.startswith("unknown command: " + word.split()[0]) != known, word
+
+
+@pytest.mark.parametrize(
+    ("level", "off", "on"),
+    [
+        ("1.3", "pitch:", None),
+        ("2.0", "mid:-1;x:0;y:0;z:0;mpry:0,0,0;pitch:", "mid:-1;x:0;"),
+        ("3.0", "mid:-2;x:-200;y:-200;z:-200;mpry:", "mid:-1;x:-100;y:-100;z:-100;mpry:-1,-1,-1;"),
+    ],
+)
+def test_the_state_report_of_each_level(level: SdkLevel, off: str, on: str | None) -> None:
+    tello = Tello(level=level)
+    line = tello.sdk.state().decode()
+    assert line.startswith(off)
+    assert line.endswith(";\r\n")
+    fields = [field.split(":") for field in line.strip().rstrip(";").split(";")]
+    assert all(len(field) == 2 for field in fields)
+    assert len(fields) == (16 if level == "1.3" else 21)
+    if on is not None:
+        assert tello.say("mon") == ["ok"]
+        assert tello.say("mdirection 2") == ["ok"]
+        assert tello.sdk.state().decode().startswith(on)
+        assert tello.say("moff") == ["ok"]
+        assert tello.say("mdirection 2") == ["error"]
 
 
 def test_unknown_reads() -> None:
@@ -213,9 +270,173 @@ def test_copies_under_one_label_are_carried_out_once(form: bytes) -> None:
     for _ in range(500):
         tello.airframe.step(STEP_S)
         out += [reply for reply, _ in tello.sdk.tick(tello.now_s)]
-    assert out == [heads[0] + b"ok"]
+    assert out == [head + b"ok" for head in heads], "one flight, an answer under every head"
     late = tello.sdk.receive(heads[4] + b"takeoff", ME, tello.now_s)
     assert [reply for reply, _ in late] == [heads[4] + b"ok"], "not the error of a second take-off"
+
+
+def test_a_label_that_comes_round_again_is_a_new_command() -> None:
+    tello = Tello()
+    assert tello.say("Re0101 takeoff") == []
+    assert tello.wait(8.0) == ["Re0101 ok"]
+    assert tello.say("Re0102 takeoff") == ["Re0102 ok"]
+    tello.wait(11.0, "rc 0 0 0 0")
+    assert tello.say("Re0101 land") == []
+    assert tello.wait(5.0) == ["Re0101 ok"]
+    assert tello.airframe.phase == "standing"
+
+
+def test_a_consumer_drone_does_not_know_the_loss_proof_form() -> None:
+    assert Tello(level="1.3").say("Re0101 takeoff") == ["unknown command: Re0101"]
+
+
+# Motion beyond straight ways ---------------------------------------------------------------------
+
+
+def test_a_curve_passes_through_its_points() -> None:
+    tello = Tello()
+    tello.take_off()
+    start = tello.airframe.position.copy()
+    assert tello.say("curve 100 100 0 200 0 0 50") == []
+    nearest = math.inf
+    replies: list[str] = []
+    for _ in range(1000):
+        replies += tello.wait(STEP_S)
+        way = tello.airframe.position - start
+        nearest = min(nearest, float(np.linalg.norm(way - [1.0, 1.0, 0.0])))
+    assert replies == ["ok"]
+    assert nearest < 0.1
+    np.testing.assert_allclose(tello.airframe.position - start, [2.0, 0.0, 0.0], atol=0.06)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 0.3, 1.1, 2.0, -2.9])
+def test_a_curve_of_the_smallest_radius_is_flown_whatever_the_heading(yaw_rad: float) -> None:
+    tello = Tello()
+    tello.airframe.yaw_rad = yaw_rad
+    tello.take_off()
+    assert tello.say("curve 50 50 0 100 0 0 40") == []
+
+
+@pytest.mark.parametrize(
+    ("order", "reply"),
+    [
+        ("curve 30 30 0 60 0 0 30", "error Radius is too large!"),
+        ("curve 100 0 0 200 0 0 30", "error Radius is too large!"),
+        ("curve 250 1 0 500 0 0 30", "error Radius is too large!"),
+        ("curve 100 100 0 200 0 0 61", "out of range"),
+        ("curve 10 10 0 200 0 0 50", "out of range"),
+        ("curve 100 100 0 200 0 0", "unknown command: curve"),
+        ("go 100 0 50 50 m1", "error No valid marker"),
+        ("go 100 0 50 50 m-2", "error No valid marker"),
+        ("go 100 0 50 50 m9", "unknown command: go"),
+        ("curve 100 100 0 200 0 0 50 m3", "error No valid marker"),
+        ("jump 100 0 50 50 0 m1 m2", "error No valid marker"),
+        ("jump 100 0 50 50 0 m1", "unknown command: jump"),
+        ("flip x", "unknown command: flip"),
+    ],
+)
+def test_motion_that_is_refused(order: str, reply: str) -> None:
+    tello = Tello()
+    tello.take_off()
+    assert tello.say(order) == [reply]
+    assert tello.say("up 20") == [], "a refusal leaves nothing running"
+
+
+@pytest.mark.parametrize("direction", "lrfb")
+def test_a_flip_turns_it_over_once_and_needs_half_a_battery(direction: str) -> None:
+    tello = Tello()
+    tello.take_off()
+    level = tello.airframe.T_world_cam()[:3, :3]
+    assert tello.say(f"flip {direction}") == []
+    tello.wait(0.6)
+    # The angle between two rotations, from the trace of one in the other's frame.
+    cosine = (np.trace(level.T @ tello.airframe.T_world_cam()[:3, :3]) - 1.0) / 2.0
+    assert math.degrees(math.acos(max(-1.0, cosine))) > 120.0
+    assert tello.wait(2.0) == ["ok"]
+    tello.airframe.battery_pct = 49.0
+    assert tello.say(f"flip {direction}") == ["error"]
+
+
+def test_idling_motors_cool_the_board_and_only_on_the_ground() -> None:
+    tello = Tello()
+    tello.airframe.temperature_c = 84.0
+    assert tello.say("motoroff") == ["error"]
+    assert tello.say("motoron") == ["ok"]
+    assert tello.say("motoron") == ["error"]
+    tello.wait(20.0)
+    assert tello.airframe.temperature_c < 83.0
+    assert tello.airframe.position[2] == 0.0
+    assert tello.say("motoroff") == ["ok"]
+    tello.take_off()
+    assert tello.say("motoron") == ["error"]
+
+
+def test_a_throw_that_does_not_come_stops_the_motors() -> None:
+    tello = Tello()
+    assert tello.say("throwfly") == ["ok"]
+    assert tello.airframe.spinning
+    tello.wait(5.5)
+    assert not tello.airframe.spinning
+
+
+def test_without_hold_on_the_floor_only_sticks_fly_it() -> None:
+    tello = Tello()
+    tello.take_off()
+    tello.airframe.sees_floor = False
+    assert tello.say("forward 50") == ["error No valid imu"]
+    assert tello.say("cw 90") == ["error No valid imu"]
+    tello.say("rc 0 60 0 0")
+    tello.wait(2.0)
+    assert tello.airframe.velocity[0] > 0.2
+    assert tello.airframe.readings()["vgx"] == 0
+    assert tello.say("land") == []
+
+
+# Settings ----------------------------------------------------------------------------------------
+
+
+def test_settings_that_change_the_stream() -> None:
+    tello = Tello()
+    settings = tello.sdk.settings
+    assert tello.say("setfps low") == ["ok"]
+    assert tello.say("setbitrate 2") == ["ok"]
+    assert tello.say("setresolution low") == ["ok"]
+    assert (settings.fps, settings.bitrate_kbit_s, settings.size_px) == (5.0, 2000, (640, 480))
+    assert tello.say("downvision 1") == ["ok"]
+    assert settings.size_px == (320, 240)
+    assert tello.say("setbitrate 0") == ["ok"]
+    assert settings.bitrate_kbit_s is None
+    assert tello.say("setbitrate 6") == ["out of range"]
+    assert tello.say("setbitrate 0.5") == ["unknown command: setbitrate"]
+    assert tello.say("setfps fast") == ["unknown command: setfps"]
+    assert tello.say("port 8891 1024") == ["out of range"]
+    assert tello.say("port 8891 11112") == ["ok"]
+    assert (settings.state_port, settings.video_port) == (8891, 11112)
+
+
+@pytest.mark.parametrize(
+    ("order", "reply"),
+    [
+        ("EXT led 1 2 3", "unknow command: led"),
+        ("EXT mled g", "unknow command: mled"),
+        ("EXT", "command error: 254"),
+        ("EXT colour", "command error: 254"),
+        ("multiwifi a b", "unknown command: multiwifi"),
+        ("wifisetchannel 3", "unknown command: wifisetchannel"),
+    ],
+)
+def test_it_has_no_expansion_board(order: str, reply: str) -> None:
+    assert Tello().say(order) == [reply]
+
+
+def test_state_and_video_stay_with_the_first_client_until_it_falls_silent() -> None:
+    tello = Tello()
+    other = ("127.0.0.7", 9)
+    assert tello.sdk.receive(b"command", other, tello.now_s) == [(b"ok", other)]
+    assert tello.sdk.client == ME[0]
+    tello.now_s += 16.0
+    assert tello.sdk.receive(b"command", other, tello.now_s) == [(b"ok", other)]
+    assert tello.sdk.client == other[0]
 
 
 # Silence -----------------------------------------------------------------------------------------

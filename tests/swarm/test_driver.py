@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from virtual_air import AirLink, flying_drone, in_virtual_time, now_s, setpoint, steer
+from virtual_air import AirLink, flying_drone, in_virtual_time, now_s, plain, setpoint, steer
 
 from server.swarm.config import DroneConfig, SafetyConfig
 from server.swarm.drone import Drone, DroneError
@@ -39,7 +39,7 @@ def test_connecting_outlasts_lost_datagrams_and_binary_rubbish() -> None:
         link.loses = lambda datagram: now_s() < begun_s + 3.5
         drone = Drone(DroneConfig(), link, clock=now_s)
         async with drone:
-            link._hand_over(0, b"\xcc\x58\x00\x7c")
+            link.reach_driver("reply", b"\xcc\x58\x00\x7c")
             async with asyncio.timeout(10.0):
                 await drone.connect()
             assert drone.activity == "ground"
@@ -136,14 +136,22 @@ def test_setpoints_are_refused_on_the_ground_and_when_not_finite() -> None:
     in_virtual_time(story())
 
 
-def test_a_lost_take_off_is_not_repeated() -> None:
+@pytest.mark.parametrize("edu", [True, False])
+def test_a_lost_take_off_is_not_repeated(edu: bool) -> None:
+    """An EDU gets copies that count as one, the consumer drone gets the order once."""
+
     async def story() -> None:
         link = AirLink()
-        async with flying_drone(link, up=False) as drone:
+        async with flying_drone(link, up=False, config=DroneConfig(edu=edu)) as drone:
             link.loses = lambda datagram: datagram == b"takeoff"
             with pytest.raises(DroneError, match="not seen to take off"):
                 await drone.take_off()
-            assert [d for _, d in link.sent].count(b"takeoff") == 1
+            ordered = [d for _, d in link.sent if plain(d) == b"takeoff"]
+            if edu:
+                assert len({d[:4] for d in ordered}) == 1, "one label"
+                assert len(set(ordered)) == len(ordered) == 5, "numbered copies"
+            else:
+                assert ordered == [b"takeoff"]
             assert drone.activity == "ground"
             link.loses = lambda datagram: False
             await drone.take_off()
@@ -156,7 +164,7 @@ def test_a_take_off_whose_reply_is_lost_is_seen_by_its_height() -> None:
     async def story() -> None:
         link = AirLink()
         async with flying_drone(link, up=False) as drone:
-            link.deaf = lambda datagram: datagram == b"ok"
+            link.deaf = lambda datagram: plain(datagram) == b"ok"
             await drone.take_off()
             assert drone.activity == "flying"
 
@@ -170,7 +178,7 @@ def test_an_ok_of_a_drone_that_stays_on_the_ground_is_not_believed() -> None:
             link.loses = lambda datagram: datagram == b"takeoff"
             attempt = asyncio.create_task(drone.take_off())
             await asyncio.sleep(1.0)
-            link._hand_over(0, b"ok")
+            link.reach_driver("reply", b"ok")
             with pytest.raises(DroneError, match="not seen to take off"):
                 await attempt
             assert drone.activity == "ground"
@@ -217,7 +225,7 @@ def test_safety_rules_refuse_a_take_off() -> None:
             await asyncio.sleep(0.3)
             with pytest.raises(DroneError, match="battery at 15 %"):
                 await drone.take_off()
-            assert b"takeoff" not in [datagram for _, datagram in link.sent]
+            assert b"takeoff" not in link.since(0.0)
 
     in_virtual_time(story())
 
@@ -365,7 +373,7 @@ def test_unreadable_state_reports_are_counted() -> None:
     async def story() -> None:
         link = AirLink()
         async with flying_drone(link, up=False) as drone:
-            link._hand_over(1, b"bat:nan;")
+            link.reach_driver("state", b"bat:nan;")
             await asyncio.sleep(0.1)
             assert drone.bad_states == 1
             assert drone.activity == "ground"

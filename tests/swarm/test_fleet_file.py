@@ -9,13 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from server.geometry.cameras import TELLO_INTRINSICS
-from server.swarm.config import (
-    DRONE_COLOURS,
-    DroneConfig,
-    FleetConfig,
-    FleetFileError,
-    load_fleet,
-)
+from server.swarm.config import DRONE_COLOURS, DroneConfig, FleetConfig
+from server.swarm.fleet_file import FleetFileError, load_fleet
 
 GOOD = """
 start_radius_m = 2
@@ -114,6 +109,19 @@ DRONE = '[[drones]]\naddress = "192.168.1.21"\n'
         ("start_radius_m = '2'\n" + DRONE, ["start_radius_m", "number"]),
         (DRONE + "id = 'x'\n[[drones]]\nid = 'x'\naddress = '192.168.1.9'", ["unique", "'x'"]),
         (DRONE + DRONE, ["address", "unique", "192.168.1.21"]),
+        ("[[drones]]\n[[drones]]\ninterface = 'wlan1'", ["address", "unique", "192.168.10.1"]),
+        ("[[drones]]\ninterface = 'wlan1'\n" * 2, ["unique per interface", "drone-1 and drone-2"]),
+        (DRONE + "[[drones]]\ninterface = 'wlan1'", ["interface", "drone-1 needs one"]),
+        (DRONE + "link = 'lan'", ["drones[1].link", "ap, relay, station", "lan"]),
+        (DRONE + "serial = 'x'", ["drones[1].serial", "'x'"]),
+        ("[[drones]]\nserial = '0TQDG3UEDBSP12'", ["serial number alone", "[station] subnet"]),
+        ("[[drones]]\nlink = 'relay'\naddress = ''", ["drones[1].address", "IPv4"]),
+        (DRONE + "serial='0TQDG3UEDBSP12'\n[[drones]]\nserial='0TQDG3UEDBSP12'", ["unique"]),
+        (DRONE + "[station]\nsubnet = '192.168.1.0/8'", ["station.subnet", "192.168.1.0/8"]),
+        (DRONE + "[station]\nsubnet = '10.0.0.0/8'", ["station.subnet", "/22"]),
+        (DRONE + "[station]\nsubnet = 'home'", ["station.subnet", "192.168.1.0/24", "home"]),
+        (DRONE + "[station]\nnet = ''", ["station", "unknown key 'net'", "subnet"]),
+        (DRONE + "[station]\nhosts_per_s = 1e6", ["station.hosts_per_s", "1000"]),
         ("drones = [", ["not valid TOML"]),
         ("a = 1\na = 2", ["not valid TOML"]),
     ],
@@ -142,6 +150,44 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
 def test_one_address_on_two_interfaces_is_allowed() -> None:
     twins = tuple(DroneConfig(id=f"d{k}", interface=f"wlan{k}") for k in range(4))
     assert len(FleetConfig(twins).drones) == 4
+
+
+def test_links_are_derived(path: Path) -> None:
+    path.write_text(
+        '[station]\nsubnet = "192.168.1.0/24"\n'
+        '[[drones]]\ninterface = "wlan1"\nlocal_address = "192.168.10.2"\n'
+        '[[drones]]\naddress = "192.168.7.9"\n'
+        '[[drones]]\nserial = "0TQDG3UEDBSP12"\n'
+        '[[drones]]\nserial = "0TQDG3UEDBSP13"\naddress = "192.168.1.31"\n'
+        "state_port = 8892\nvideo_port = 11113\n"
+    )
+    fleet = load_fleet(path)
+    assert [drone.link for drone in fleet.drones] == ["ap", "relay", "station", "station"]
+    assert [drone.address for drone in fleet.drones] == [
+        "192.168.10.1",
+        "192.168.7.9",
+        "",
+        "192.168.1.31",
+    ]
+    assert [drone.moves_ports for drone in fleet.drones] == [False, False, False, True]
+    assert fleet.station.network().num_addresses == 256
+
+
+def test_one_relay_may_serve_several_drones_at_ports_of_their_own() -> None:
+    first = DroneConfig(id="a", address="10.0.0.9")
+
+    def second(video_port: int) -> DroneConfig:
+        return DroneConfig(
+            id="b",
+            address="10.0.0.9",
+            command_port=9001,
+            state_port=9002,
+            video_port=video_port,
+        )
+
+    assert FleetConfig((first, second(9003)))
+    with pytest.raises(ValueError, match="unique unless all ports differ"):
+        FleetConfig((first, second(first.video_port)))
 
 
 values = st.one_of(

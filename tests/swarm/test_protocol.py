@@ -10,15 +10,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from server.stages import Setpoint
+from server.swarm.channel import CommandChannel
 from server.swarm.protocol import (
     STANDARD_GRAVITY_M_S2,
-    CommandChannel,
     ProtocolError,
     decode_reply,
     decode_state,
     encode_command,
+    encode_labelled,
     encode_rc,
     rc_from_setpoint,
+    read_fields,
+    read_length_m,
+    read_number,
+    read_serial,
+    read_temperature_c,
+    split_label,
 )
 
 EDU_STATE = (
@@ -332,3 +339,133 @@ def test_no_order_of_events_upsets_the_channel(events: list[str | bytes]) -> Non
         else:
             owed += channel.outstanding is not None
             channel.give_up(float(now_s), 1e6)
+
+
+# Labels -------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 99), st.integers(1, 99))
+def test_a_label_survives_the_way_there_and_back(label: int, copy: int) -> None:
+    datagram = encode_labelled(label, copy, "takeoff")
+    assert datagram == f"Re{label:02d}{copy:02d} takeoff".encode()
+    assert split_label(datagram) == (label, b"takeoff")
+
+
+@pytest.mark.parametrize(("label", "copy"), [(-1, 1), (100, 1), (0, 0), (0, 100)])
+def test_labels_out_of_range_are_refused(label: int, copy: int) -> None:
+    with pytest.raises(ProtocolError, match="out of range"):
+        encode_labelled(label, copy, "takeoff")
+
+
+@given(st.binary(max_size=12))
+def test_only_a_whole_head_is_a_label(datagram: bytes) -> None:
+    label, body = split_label(datagram)
+    if label is None:
+        assert body == datagram
+    else:
+        assert datagram[:2] == b"Re"
+        assert datagram[6:7] == b" "
+        assert body == datagram[7:]
+
+
+def test_a_labelled_reply_is_known_by_its_label_alone() -> None:
+    channel = CommandChannel(first_label=7)
+    channel.owe(0.0, 10.0, copies=3)
+    copies = channel.begin_labelled("takeoff", 3)
+    assert copies == (b"Re0701 takeoff", b"Re0702 takeoff", b"Re0703 takeoff")
+    assert channel.receive(b"ok", 0.1) is None, "owed to somebody else"
+    assert channel.receive(b"Re0601 ok", 0.2) is None, "an older one's"
+    for _ in range(5):
+        assert channel.receive(b"ok", 0.3) is None, "a plain one is not ours, owed or not"
+    assert channel.labels_known
+    reply = channel.receive(b"Re0702 ok", 0.4)
+    assert reply is not None
+    assert reply.kind == "ok"
+    assert channel.receive(b"Re0703 ok", 0.5) is None
+    assert channel.begin("battery?") == b"battery?"
+
+
+def test_a_drone_that_does_not_know_labels_is_noticed() -> None:
+    channel = CommandChannel(first_label=99)
+    channel.begin_labelled("takeoff", 2)
+    reply = channel.receive(b"unknown command: Re9901", 0.1)
+    assert reply is not None
+    assert reply.kind == "error"
+    assert channel.labels_known is False
+    channel.begin("takeoff")
+    assert channel.receive(b"unknown command: Re9902", 0.2) is None, "the other copy's"
+    reply = channel.receive(b"ok", 0.3)
+    assert reply is not None
+    assert channel.new_label() == 0, "labels begin anew after 99"
+
+
+def test_a_labelled_command_given_up_is_owed_to_nobody() -> None:
+    channel = CommandChannel()
+    channel.begin_labelled("takeoff", 2)
+    channel.give_up(0.0, 1.0)
+    channel.begin("battery?")
+    assert channel.receive(b"Re0001 ok", 0.1) is None
+    reply = channel.receive(b"87", 0.2)
+    assert reply is not None
+    assert reply.text == "87"
+
+
+# Reads --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("24s", "s", 24.0),
+        ("24", "s", 24.0),
+        ("87\r\n", "%", 87.0),
+        ("100.0", "", 100.0),
+        ("-102.865509", "", -102.865509),
+        ("30", "", 30.0),
+    ],
+)
+def test_numbers_are_read_with_and_without_their_unit(text: str, unit: str, value: float) -> None:
+    assert read_number(text, unit) == value
+
+
+@pytest.mark.parametrize("text", ["", "s", "24 m", "ok", "1e9", "0x1", "nan", "9" * 400, "24ss"])
+def test_other_things_are_no_numbers_of_seconds(text: str) -> None:
+    with pytest.raises(ProtocolError, match="not a number"):
+        read_number(text, "s")
+
+
+@pytest.mark.parametrize(
+    ("text", "plain", "metres"),
+    [("15dm", "cm", 1.5), ("150", "cm", 1.5), ("875mm", "mm", 0.875), ("87", "cm", 0.87)],
+)
+def test_lengths_are_read_in_both_formats(text: str, plain: str, metres: float) -> None:
+    assert read_length_m(text, plain) == pytest.approx(metres)
+
+
+def test_a_length_is_not_a_time() -> None:
+    with pytest.raises(ProtocolError, match="not a length"):
+        read_length_m("24s", "cm")
+
+
+@pytest.mark.parametrize(
+    ("text", "both"), [("85~88C", (85.0, 88.0)), ("86", (86.0, 86.0)), ("86C\r\n", (86.0, 86.0))]
+)
+def test_temperatures_are_read_in_both_formats(text: str, both: tuple[float, float]) -> None:
+    assert read_temperature_c(text) == both
+
+
+def test_named_numbers_are_read() -> None:
+    assert read_fields("pitch:0;roll:-1;yaw:0;\r\n") == {"pitch": 0.0, "roll": -1.0, "yaw": 0.0}
+    assert read_fields("agx:-5.00;agy:7.00;agz:-999.00;")["agz"] == -999.0
+    for text in ("", "pitch:x;", "pitch", ":1;"):
+        with pytest.raises(ProtocolError):
+            read_fields(text)
+
+
+@given(st.text(max_size=20))
+def test_reads_of_anything_give_a_value_or_a_protocol_error(text: str) -> None:
+    for read in (read_number, read_temperature_c, read_fields, read_serial):
+        try:
+            read(text)
+        except ProtocolError:
+            continue

@@ -43,13 +43,15 @@ class Rig:
 
     def __init__(self) -> None:
         self.now_s = 100.0
+        self._tick_s = 0.0
         self.motor_s = 7.0
         self.link = FakeDroneLink()
         timing = TimingConfig(
             beat_s=TURN_S / 5, land_s=TURN_S, stop_repeats_s=(TURN_S / 5, TURN_S / 2)
         )
-        self.drone = Drone(DroneConfig(), self.link, timing=timing, clock=self._clock)
-        self._tick_s = 0.0
+        # Without labels: what a consumer drone is told is told an EDU, too, with or without them.
+        config = DroneConfig(edu=False)
+        self.drone = Drone(config, self.link, timing=timing, clock=self._clock)
 
     def _clock(self) -> float:
         self.now_s += self._tick_s

@@ -146,8 +146,8 @@ def test_a_landing_that_something_interrupts_goes_on(height_m: float) -> None:
         async with flying_drone(link) as drone:
             drone.land_now()
             await sunk_to(link, height_m)
-            link._arrive(b"stop")  # A straggler of an earlier HOLD.
-            link._hand_over(0, b"ok")
+            link.reach_drone(b"stop")  # A straggler of an earlier HOLD.
+            link.reach_driver("reply", b"ok")
             link.loses = lambda datagram: datagram == b"land"
             await asyncio.sleep(6.0)
             assert link.airframe.motors_on
@@ -180,7 +180,7 @@ def test_land_while_a_take_off_waits_its_turn_is_not_forgotten() -> None:
     async def story() -> None:
         link = AirLink()
         async with flying_drone(link, up=False) as drone:
-            async with drone._asking:
+            async with drone._asking.turn:
                 attempt = asyncio.create_task(drone.take_off())
                 await asyncio.sleep(0.1)
                 drone.land_now()
@@ -225,7 +225,8 @@ def test_a_landing_on_something_high_is_seen_by_the_motors() -> None:
             drone.land_now()
             await asyncio.sleep(0.7)
             link.airframe._touch_down()
-            link.airframe.position[2] = 0.4  # A table.
+            x, y, _ = link.airframe.position
+            link.airframe.position = (x, y, 0.4)  # A table.
             await asyncio.sleep(5.0)
             assert drone.activity == "ground"
 

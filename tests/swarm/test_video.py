@@ -7,6 +7,7 @@ exactly the picture of that place in the whole stream.
 from __future__ import annotations
 
 import asyncio
+import struct
 from fractions import Fraction
 from functools import cache
 
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 
 from server.stages import Frame
 from server.swarm.access_units import PIECE_BYTES, AccessUnit, AccessUnits
+from server.swarm.quantiser import QuantiserWatch, largest_jump
 from server.swarm.video import VideoDecoder
 
 WIDTH, HEIGHT = 320, 240
@@ -52,7 +54,9 @@ def coded_pictures() -> tuple[tuple[bytes, ...], ...]:
         "tune": "zerolatency",
         "profile": "main",
         "crf": "18",
-        "x264-params": "bframes=0:ref=1:slices=1:scenecut=0:repeat-headers=1:keyint=infinite",
+        "x264-params": (
+            "cabac=1:bframes=0:ref=1:slices=1:scenecut=0:repeat-headers=1:keyint=infinite"
+        ),
     }
     coded: list[tuple[bytes, ...]] = []
     for number in range(PICTURES):
@@ -141,6 +145,16 @@ def test_pictures_before_the_first_key_picture_are_not_shown() -> None:
     assert not frames[0].damaged
 
 
+def test_the_first_picture_comes_with_the_last_piece_of_a_key_picture() -> None:
+    """It waits for nothing that follows."""
+    stream = [(datagram, 5.0 + at / 100) for at, (datagram, n) in enumerate(datagrams()) if n == 0]
+    assert decoded(stream[:-1])[0] == []
+    frames, _ = decoded(stream)
+    assert len(frames) == 1
+    assert not frames[0].damaged
+    assert frames[0].captured_s == 5.0, "the time of its first datagram"
+
+
 def without(lost: set[int]) -> list[Frame]:
     """The pictures of the stream without the datagrams at these places."""
     kept = [(d, float(n)) for at, (d, n) in enumerate(datagrams()) if at not in lost]
@@ -180,7 +194,10 @@ def test_a_loss_marks_damage_until_the_next_key_picture(loss: str) -> None:
 
 @pytest.mark.slow
 def test_a_loss_inside_a_picture_is_mostly_noticed_and_heals_at_the_next_key_picture() -> None:
-    """The bytes after a gap may happen to decode: no stream without numbers can tell them all."""
+    """The bytes after a gap may happen to decode: no stream without numbers can tell them all.
+
+    This stream is a hard case: few blocks follow a gap, and its noise looks like rubbish anyway.
+    """
     inner = [at for number in range(KEY_EVERY) for at in places(number)[:-1][-6:] if at > 2]
     unnoticed = 0
     for lost in inner:
@@ -190,7 +207,82 @@ def test_a_loss_inside_a_picture_is_mostly_noticed_and_heals_at_the_next_key_pic
         assert_undamaged_are_true(healed)
         assert len(healed) == PICTURES - KEY_EVERY
         unnoticed += not any(frame.damaged for frame in frames)
-    assert unnoticed <= 0.5 * len(inner)
+    assert unnoticed <= 0.35 * len(inner)
+
+
+@pytest.mark.slow
+def test_pieces_swapped_inside_a_picture_are_mostly_noticed() -> None:
+    swaps = unnoticed = 0
+    for number in range(KEY_EVERY):
+        for at in places(number)[-6:-2]:
+            stream = [(datagram, float(n)) for datagram, n in datagrams()]
+            if at < 3 or len(stream[at + 1][0]) < PIECE_BYTES:
+                continue
+            stream[at], stream[at + 1] = stream[at + 1], stream[at]
+            frames, _ = decoded(stream)
+            swaps += 1
+            unnoticed += not any(frame.damaged for frame in frames)
+            assert_undamaged_are_true([f for f in frames if f.captured_s >= KEY_EVERY])
+    assert swaps > 15
+    assert unnoticed <= 0.45 * swaps
+
+
+def test_a_datagram_that_comes_twice_does_no_harm() -> None:
+    """Right away, or after a few others."""
+    stream: list[tuple[bytes, float]] = []
+    for at, (datagram, number) in enumerate(datagrams()):
+        stream.append((datagram, float(number)))
+        late = at - 3 * (at % 2)
+        again = datagrams()[max(0, late)][0]
+        if len(again) > 200 and at % 5 == 0:
+            stream.append((again, float(number)))
+    assert len(stream) > len(datagrams()) + 20
+    frames, decoder = decoded(stream)
+    assert decoder._units.repeated == len(stream) - len(datagrams())
+    assert [frame.captured_s for frame in frames] == list(range(PICTURES))
+    assert not any(frame.damaged for frame in frames)
+    assert_undamaged_are_true(frames)
+
+
+def test_a_datagram_held_back_past_its_picture_marks_damage() -> None:
+    at = places(3)[1]
+    stream = [(datagram, float(number)) for datagram, number in datagrams()]
+    late = stream.pop(at)
+    stream.insert(places(4)[0] + 1, late)
+    frames, _ = decoded(stream)
+    assert all(frame.damaged for frame in frames if 4 <= frame.captured_s < KEY_EVERY)
+    assert_undamaged_are_true([f for f in frames if f.captured_s >= KEY_EVERY])
+
+
+# Quantisers ---------------------------------------------------------------------------------------
+
+
+def parameters(quantisers: list[int]) -> memoryview:
+    """An ``AVVideoEncParams`` with a block per quantiser, as FFmpeg lays it out."""
+    head = struct.pack("=I4xQQiii", len(quantisers), 48, 20, 1, 28, 0) + bytes(12)
+    blocks = (struct.pack("=5i", 16 * at, 0, 16, 16, q) for at, q in enumerate(quantisers))
+    return memoryview(head + b"".join(blocks))
+
+
+def test_the_largest_jump_is_read() -> None:
+    assert largest_jump(parameters([0, 1, -2, -2, 5])) == 7
+    assert largest_jump(parameters([3])) is None
+    whole = parameters([0, 1, 2])
+    for length in range(whole.nbytes):
+        assert largest_jump(whole[:length]) is None
+
+
+def test_rubbish_is_told_from_the_habits_of_an_encoder() -> None:
+    calm = QuantiserWatch()
+    assert not any(calm.is_rubbish(parameters([0, 0, 1, 0])) for _ in range(100))
+    assert calm.is_rubbish(parameters([0, 0, 20, 0]))
+    assert not calm.is_rubbish(parameters([0, 0, 1, 0]))
+    lively = QuantiserWatch()
+    told = [lively.is_rubbish(parameters([0, 9, 0, 9])) for _ in range(100)]
+    assert told[0]
+    assert not any(told[10:]), "a habit"
+    assert lively.is_rubbish(parameters([0, 25, 0, 9]))
+    assert not lively.is_rubbish(memoryview(b"")), "not known"
 
 
 @pytest.mark.slow

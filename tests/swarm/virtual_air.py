@@ -1,33 +1,41 @@
-"""A driver and a simulated Tello joined without sockets, in virtual time.
-
-The loop's clock jumps to the next timer whenever nothing is ready, so a minute of flight takes a
-moment, nothing depends on how busy the machine is, and each run is the same as the last.
-"""
+"""A driver and a simulated Tello joined without sockets, in virtual time."""
 
 from __future__ import annotations
 
 import asyncio
-import selectors
-from collections import deque
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
-from server.sim.config import DynamicsConfig
+from server.sim import air
+from server.sim.config import DynamicsConfig, SimConfig
 from server.sim.dynamics import Airframe
-from server.sim.sdk import TextSdk, state_line
+from server.sim.faults import parse_fault
+from server.sim.sdk import TextSdk
+from server.sim.tello import STEP_S, Tello
+from server.sim.virtual_time import in_virtual_time
 from server.stages import Setpoint
 from server.swarm.config import DroneConfig, FleetConfig, SafetyConfig, TimingConfig
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
-from server.swarm.link import Receiver
+from server.swarm.protocol import split_label
 
-T = TypeVar("T")
+__all__ = [
+    "CALM",
+    "AirLink",
+    "fleet_on",
+    "flying_drone",
+    "flying_fleet",
+    "in_virtual_time",
+    "now_s",
+    "plain",
+    "setpoint",
+    "steer",
+    "sunk_to",
+]
 
-STEP_S = 0.02
-LATENCY_S = 0.004
 # A drone without whims: what a test sees is what it ordered.
 CALM = DynamicsConfig(
     gain_sigma=0.0,
@@ -39,132 +47,99 @@ CALM = DynamicsConfig(
 )
 
 
-class _JumpingSelector(selectors.DefaultSelector):
-    """Instead of waiting for a timer it moves the clock to it."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 1000.0
-        self.threads_at_work = 0
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        if timeout is None:
-            return super().select(None)  # Only another thread can go on from here.
-        if self.threads_at_work:
-            return super().select(0.01)  # Their time is real, so ours stands still meanwhile.
-        ready = super().select(0)
-        if not ready:
-            self.now_s += max(0.0, timeout)
-        return ready
-
-
-class VirtualTimeLoop(asyncio.SelectorEventLoop):
-    """An event loop that never sleeps."""
-
-    def __init__(self) -> None:
-        self._jumping = _JumpingSelector()
-        super().__init__(self._jumping)
-
-    def time(self) -> float:
-        return self._jumping.now_s
-
-    def run_in_executor(self, executor: Any, func: Any, *args: Any) -> asyncio.Future[Any]:
-        self._jumping.threads_at_work += 1
-        future = super().run_in_executor(executor, func, *args)
-        future.add_done_callback(self._thread_done)
-        return future
-
-    def _thread_done(self, _: object) -> None:
-        self._jumping.threads_at_work -= 1
-
-
-def in_virtual_time(coroutine: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine to its end in virtual time."""
-    with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(coroutine)
-
-
 def now_s() -> float:
     return asyncio.get_running_loop().time()
 
 
-class AirLink:
-    """A ``DroneLink`` to a simulated drone in the same process.
+def plain(datagram: bytes) -> bytes:
+    """Return a command without its loss-proof head."""
+    return split_label(datagram)[1]
+
+
+class AirLink(air.AirLink):
+    """A ``DroneLink`` to a simulated drone in the same process, with a few more ways to meddle.
 
     Attributes:
-        airframe: The drone's body: the truth.
-        sdk: The drone's side of the protocol.
         sent: What the driver sent, with its time.
-        loses: Says which datagrams to the drone are lost; may be replaced at any time.
+        loses: Says which datagrams to the drone are lost, by their text without a loss-proof
+            head; may be replaced at any time.
         deaf: Says which datagrams from the drone are lost.
         broken: When True, sending raises, as no link should.
     """
 
-    def __init__(self, dynamics: DynamicsConfig = CALM, seed: int = 0) -> None:
-        self.airframe = Airframe(np.zeros(3), 0.0, dynamics, np.random.default_rng(seed))
-        self.sdk = TextSdk(self.airframe, "0TQTEST0000001")
+    def __init__(
+        self,
+        dynamics: DynamicsConfig = CALM,
+        seed: int = 0,
+        faults: tuple[str, ...] = (),
+        camera: air.Camera | None = None,
+        **more: Any,
+    ) -> None:
+        config = SimConfig(
+            seed=seed,
+            dynamics=dynamics,
+            start_sigma_m=0.0,
+            start_sigma_deg=0.0,
+            faults=tuple(map(parse_fault, faults)),
+            **more,
+        )
+        super().__init__(Tello(config, 0), camera=camera)
+        self.airframe.position = (0.0, 0.0, 0.0)
+        self.airframe.yaw_rad = 0.0
+        self.airframe.power_on()
         self.sent: list[tuple[float, bytes]] = []
         self.loses: Callable[[bytes], bool] = lambda datagram: False
         self.deaf: Callable[[bytes], bool] = lambda datagram: False
         self.broken = False
-        self._under_way: deque[bytes] = deque()
-        self._receivers: tuple[Receiver, Receiver, Receiver] | None = None
-        self._task: asyncio.Task[None] | None = None
 
-    async def open(self, on_reply: Receiver, on_state: Receiver, on_video: Receiver) -> None:
-        self._receivers = on_reply, on_state, on_video
-        self._task = asyncio.create_task(self._live())
+    @property
+    def airframe(self) -> Airframe:
+        """The drone's body: the truth."""
+        return self.tello.airframe
+
+    @property
+    def sdk(self) -> TextSdk:
+        """The drone's side of the protocol."""
+        return self.tello.sdk
 
     def send(self, datagram: bytes) -> None:
         if self.broken:
             raise RuntimeError("this link is broken")
         self.sent.append((now_s(), datagram))
-        if not self.loses(datagram):
-            self._under_way.append(datagram)
-            asyncio.get_running_loop().call_later(LATENCY_S, self._arrive_next)
-
-    def close(self) -> None:
-        if self._task is not None:
-            self._task.cancel()
+        if not self.loses(plain(datagram)):
+            super().send(datagram)
 
     def since(self, begun_s: float) -> list[bytes]:
-        """Return what the driver sent from ``begun_s`` on."""
-        return [datagram for at_s, datagram in self.sent if at_s >= begun_s]
+        """Return what the driver sent from ``begun_s`` on, without loss-proof heads."""
+        return [plain(datagram) for at_s, datagram in self.sent if at_s >= begun_s]
 
-    def _arrive_next(self) -> None:
-        # Timers for one instant come in any order; one radio hop keeps the order of datagrams.
-        self._arrive(self._under_way.popleft())
+    def reach_drone(self, datagram: bytes) -> None:
+        """Let a datagram arrive at the drone out of the blue."""
+        self._reach_drone((datagram, air.DRIVER))
 
-    def _arrive(self, datagram: bytes) -> None:
-        self._reply(self.sdk.receive(datagram, ("127.0.0.1", 1), now_s()))
+    def reach_driver(self, kind: str, datagram: bytes) -> None:
+        """Let a datagram (``reply``, ``state`` or ``video``) arrive at the driver."""
+        assert self._receivers is not None
+        take = self._receivers[("reply", "state", "video").index(kind)]
+        take(datagram, now_s())
 
-    def _reply(self, outgoing: list[tuple[bytes, tuple[str, int]]]) -> None:
-        for datagram, _ in outgoing:
-            self._hand_over(0, datagram)
-
-    def _hand_over(self, receiver: int, datagram: bytes) -> None:
-        if self._receivers is not None and not self.deaf(datagram):
-            take = self._receivers[receiver]
-            loop = asyncio.get_running_loop()
-            loop.call_later(LATENCY_S, lambda: take(datagram, loop.time()))
-
-    async def _live(self) -> None:
-        step = 0
-        while True:
-            await asyncio.sleep(STEP_S)
-            step += 1
-            self.airframe.step(STEP_S)
-            self._reply(self.sdk.tick(now_s()))
-            if step % 5 == 0 and self.sdk.client is not None:
-                self._hand_over(1, state_line(self.airframe))
+    def _reach_driver(self, arrived: Any) -> None:
+        if not self.deaf(arrived.datagram):
+            super()._reach_driver(arrived)
 
 
 @asynccontextmanager
 async def flying_drone(
-    link: AirLink, *, up: bool = True, safety: SafetyConfig | None = None
+    link: AirLink,
+    *,
+    up: bool = True,
+    safety: SafetyConfig | None = None,
+    config: DroneConfig | None = None,
+    **more: Any,
 ) -> AsyncIterator[Drone]:
     """A connected drone, in the air unless ``up`` is False."""
-    drone = Drone(DroneConfig(), link, safety, TimingConfig(), clock=now_s)
+    config = config if config is not None else DroneConfig()
+    drone = Drone(config, link, safety, TimingConfig(), clock=now_s, **more)
     async with drone:
         await drone.connect()
         if up:
@@ -172,13 +147,19 @@ async def flying_drone(
         yield drone
 
 
-def fleet_on(links: Mapping[str, AirLink]) -> Fleet:
+def fleet_on(
+    links: Mapping[str, AirLink], *, serials: Sequence[str] | None = None, **more: Any
+) -> Fleet:
     """A fleet on these links, by drone id."""
     drones = tuple(
-        DroneConfig(id=drone_id, address=f"127.9.9.{number + 1}")
+        DroneConfig(
+            id=drone_id,
+            address=f"127.9.9.{number + 1}",
+            serial=serials[number] if serials is not None else "",
+        )
         for number, drone_id in enumerate(links)
     )
-    return Fleet(FleetConfig(drones), links=dict(links), clock=now_s)
+    return Fleet(FleetConfig(drones), links=dict(links), clock=now_s, **more)
 
 
 @asynccontextmanager

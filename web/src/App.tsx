@@ -1,33 +1,49 @@
-import { useEffect } from "react";
+import { useEffect, useState } from "react";
+import type { CaptureRequest } from "./api/captures";
 import { useConsole, useOperator } from "./context";
+import { FailsafePanel } from "./failsafe/FailsafePanel";
 import { FieldPanel } from "./field/FieldPanel";
 import { FlyPanel } from "./fly/FlyPanel";
 import { Header } from "./Header";
 import { EventLog } from "./log/EventLog";
 import { Filmstrip } from "./mission/Filmstrip";
 import { MissionPanel } from "./mission/MissionPanel";
+import { PreflightSheet } from "./preflight/PreflightSheet";
 import { ScenePanel } from "./scene/ScenePanel";
 
 /** The whole console: stops above, then drones, scene with field, and mission with events. */
 export function App() {
   useVideoWhileVisible();
+  const [preparing, setPreparing] = useState<CaptureRequest | null>(null);
   return (
     <>
       <Header />
-      <main className="console">
-        <div className="column column-drones">
-          <FlyPanel />
-          <Filmstrip />
-        </div>
-        <div className="column column-scene">
-          <ScenePanel />
-          <FieldPanel />
-        </div>
-        <div className="column column-mission">
-          <MissionPanel />
-          <EventLog />
-        </div>
-      </main>
+      <div className="below">
+        {/* A sheet lies over all of this, and over none of the stops. */}
+        <main className="console" inert={preparing !== null}>
+          <div className="column column-drones">
+            <FlyPanel />
+            <Filmstrip />
+          </div>
+          <div className="column column-scene">
+            <ScenePanel />
+            <FieldPanel />
+          </div>
+          <div className="column column-mission">
+            <MissionPanel onPrepare={setPreparing} />
+            <FailsafePanel />
+            <EventLog />
+          </div>
+        </main>
+        {preparing !== null && (
+          <PreflightSheet
+            request={preparing}
+            onClose={() => {
+              setPreparing(null);
+            }}
+          />
+        )}
+      </div>
     </>
   );
 }

@@ -1,3 +1,4 @@
+import { CommandPill } from "./command/CommandPill";
 import { useConsole, useOperator } from "./context";
 import { Icon } from "./design/Icon";
 import { Logo } from "./design/Logo";
@@ -19,6 +20,7 @@ export function Header() {
           <Logo />
           <h1>{en.title}</h1>
           <ConnectionPill />
+          <CommandPill />
         </div>
         <StopBar />
       </div>

@@ -1,6 +1,7 @@
 import { StrictMode } from "react";
 import { createRoot } from "react-dom/client";
 import { App } from "./App";
+import { tabMemory } from "./command/command";
 import { OperatorContext } from "./context";
 import { Operator } from "./operator";
 import "./styles/tokens.css";
@@ -11,11 +12,13 @@ import "./styles/fly.css";
 import "./styles/mission.css";
 import "./styles/field.css";
 import "./styles/log.css";
+import "./styles/preflight.css";
+import "./styles/failsafe.css";
 
 const root = document.getElementById("root");
 if (root === null) throw new Error("index.html has no element #root");
 
-const operator = new Operator(location);
+const operator = new Operator(location, tabMemory(window));
 operator.start();
 window.addEventListener("pagehide", (event) => {
   // A page kept for the back button comes back with its socket; only a page that ends closes it.

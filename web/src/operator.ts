@@ -8,9 +8,13 @@ import {
 import { commandDrone, type DroneCommand } from "./api/drones";
 import { RequestError } from "./api/request";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
+import { Command, type CommandMemory } from "./command/command";
+import { startWorkerPulse } from "./command/pulse";
+import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
+import { fliesByItself } from "./state/state";
 import { Store } from "./state/store";
 import { en } from "./text/en";
 
@@ -26,12 +30,14 @@ export class Operator {
   readonly store = new Store();
   readonly tiles = new TileHub();
   readonly #stream: ConsoleStream;
+  readonly #command: Command;
 
-  constructor(page: Pick<Location, "protocol" | "host">) {
+  constructor(page: Pick<Location, "protocol" | "host">, memory: CommandMemory) {
     this.#stream = new ConsoleStream(streamUrl(page), {
       onOpen: () => {
         this.store.dispatch({ type: "stream_opened" });
         this.log("info", en.log.opened);
+        this.#command.beat();
       },
       onLost: () => {
         if (this.store.get().connection.kind === "open") this.log("warning", en.log.lost);
@@ -46,14 +52,26 @@ export class Operator {
         this.log("warning", en.log.unreadable(reason));
       },
     });
+    this.#command = new Command(this.store, this.#stream, startWorkerPulse, memory);
   }
 
   start(): void {
     this.#stream.start();
+    this.#command.restore();
   }
 
+  /** The page ends. With drones in the air that is silence; with all of them down it is leave. */
   leave(): void {
+    const { inCommand, drones, capture } = this.store.get();
+    const flies = drones.size === 0 || anyFlying(drones) || fliesByItself(capture);
+    if (inCommand && !flies) this.#stream.releaseCommand();
     this.#stream.stop();
+  }
+
+  /** Take leave of the flight, which goes on; an alarm when the server could not be told. */
+  leaveUnattended(): void {
+    if (this.#command.release()) this.log("warning", en.command.left);
+    else this.#alarm(en.command.leaveFailed);
   }
 
   /** Have the pictures of these drones sent, and no others. */
@@ -93,21 +111,26 @@ export class Operator {
     );
     if (!accepted) return false;
     if (command === "hold") this.store.dispatch({ type: "hold_accepted", droneId });
+    if (command === "takeoff" || command === "rearm") this.#command.take();
     this.log("info", en.fly.command.sent(word), droneId);
     return true;
   }
 
   /** Begin a capture; false, and an alarm, when it did not start. */
   async startCapture(wish: CaptureRequest): Promise<boolean> {
-    return this.#carryOut(() => startCapture(wish), en.mission.form.failed);
+    const accepted = await this.#carryOut(() => startCapture(wish), en.mission.form.failed);
+    if (accepted) this.#command.take();
+    return accepted;
   }
 
   /** Pause, resume or abort; false, and an alarm, when it was not carried out. */
   async changeCapture(captureId: string, verb: CaptureVerb): Promise<boolean> {
-    return this.#carryOut(
+    const accepted = await this.#carryOut(
       () => changeCapture(captureId, verb),
       (reason) => en.mission.verbFailed(en.mission[verb], reason),
     );
+    if (accepted && verb === "resume") this.#command.take();
+    return accepted;
   }
 
   async #carryOut(
@@ -119,10 +142,13 @@ export class Operator {
       return true;
     } catch (error) {
       if (!(error instanceof RequestError)) throw error;
-      const at = new Date().toISOString();
-      this.store.dispatch({ type: "alarm_raised", at, text: failure(error.message) });
+      this.#alarm(failure(error.message));
       return false;
     }
+  }
+
+  #alarm(text: string): void {
+    this.store.dispatch({ type: "alarm_raised", at: new Date().toISOString(), text });
   }
 
   /** A refused handshake looks to a browser like a lost line; an ordinary request tells them apart. */

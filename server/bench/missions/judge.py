@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from server.swarm.config import SafetyConfig
 
@@ -61,7 +61,7 @@ class Judge:
     def __init__(self, surface: Array, safety: SafetyConfig) -> None:
         """Build it; ``surface`` are points ``(n, 3)`` on the object, a few centimetres apart."""
         self.judgement = Judgement()
-        self._surface = cKDTree(surface)
+        self._surface = KDTree(surface)
         self._safety = safety
 
     def observe(self, bodies: Mapping[str, Body]) -> None:

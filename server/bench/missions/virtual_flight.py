@@ -76,7 +76,7 @@ class _VirtualFlight:
         self._cameras = {d: VirtualCamera(tello) for d, tello in self._tellos.items()}
         self._points = hull_points(np.asarray(model.vertices))
         self._safety = SafetyConfig()
-        surface = np.asarray(model.trimesh.sample(_SURFACE_POINTS, seed=case.seed))
+        surface = np.asarray(model.trimesh.sample(_SURFACE_POINTS, seed=case.seed), np.float64)
         self._judge = Judge(surface, self._safety)
         self._runner = InlineRunner()
         self._onset_s: float | None = None
@@ -194,6 +194,9 @@ class _VirtualFlight:
                     return  # It had nothing to pause.
             case "land_all":
                 fleet.land()
+                await self._phase_comes(control, Phase.GROUNDED)
+                await asyncio.sleep(_LOOK_S)
+                await control.resume_capture(control.captures()[0].status.id)
             case "land_one":
                 fleet.land(victim)
             case "cut_one":

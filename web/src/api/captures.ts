@@ -9,6 +9,8 @@ export interface CaptureRequest {
   readonly pictures: number;
   readonly train_seconds: number;
   readonly name: string;
+  /** Reason by key of the checklist item that shall not keep the capture on the ground. */
+  readonly overrides?: Readonly<Record<string, string>>;
 }
 
 export type CaptureVerb = "pause" | "resume" | "abort";

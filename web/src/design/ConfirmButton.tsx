@@ -3,6 +3,8 @@ import { useEffect, useState, type ReactNode } from "react";
 interface ConfirmButtonProps {
   readonly className?: string;
   readonly disabled?: boolean;
+  readonly title?: string;
+  readonly testId?: string;
   readonly label: ReactNode;
   readonly confirm: ReactNode;
   readonly onConfirm: () => void;
@@ -32,6 +34,8 @@ export function ConfirmButton(props: ConfirmButtonProps) {
       type="button"
       className={`button ${props.className ?? ""} ${asking ? "is-asking" : ""}`}
       disabled={props.disabled}
+      title={props.title}
+      data-testid={props.testId}
       onClick={press}
       onBlur={() => {
         setAsking(false);

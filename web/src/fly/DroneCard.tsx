@@ -5,6 +5,7 @@ import { ConfirmButton } from "../design/ConfirmButton";
 import { age, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { useNow } from "../design/useNow";
+import { FiredNote } from "../failsafe/FiredNote";
 import type { DroneReport } from "../protocol/messages.gen";
 import type { DroneState } from "../state/state";
 import { en } from "../text/en";
@@ -30,6 +31,7 @@ export function DroneCard({ drone, brief }: { readonly drone: DroneState; readon
         </span>
         <Battery percent={report.battery_pct} />
       </div>
+      <FiredNote drone={drone} />
       {!brief && <Telemetry drone={drone} />}
       {!brief && <Commands report={report} inAir={face.inAir} />}
     </div>

@@ -99,6 +99,9 @@ export function StopBar() {
           outcome={press.pressing ? "idle" : wasCut}
         />
       </button>
+      <span className="sr-only" role="status" data-testid="cut-announcement">
+        {en.stop.cut.announce[press.press]}
+      </span>
     </div>
   );
 }

@@ -1,4 +1,5 @@
 import type { IconName } from "../design/Icon";
+import type { DroneState } from "../state/state";
 import { en } from "../text/en";
 
 interface ActivityFace {
@@ -18,6 +19,16 @@ const FACES: Readonly<Record<string, ActivityFace>> = {
   landing: { word: en.fly.activity.landing, icon: "land", tone: "busy", inAir: true },
   cut: { word: en.fly.activity.cut, icon: "cut", tone: "bad", inAir: false },
 };
+
+/** True when a drone is known to be in the air; one that is not heard of is not known to be. */
+export function isFlying(activity: string): boolean {
+  return activity !== "offline" && activityFace(activity).inAir;
+}
+
+/** True when any drone is known to be in the air. */
+export function anyFlying(drones: ReadonlyMap<string, DroneState>): boolean {
+  return [...drones.values()].some((drone) => isFlying(drone.report.activity));
+}
 
 /** Word, drawing and tone of what a drone is doing. An unknown activity is shown as it is named. */
 export function activityFace(activity: string): ActivityFace {

@@ -1,21 +1,24 @@
 import { useEffect, useRef, useState, type KeyboardEvent, type PointerEvent } from "react";
 
 /** Long enough to be meant, short enough for an emergency. The stylesheet's fill takes as long. */
-export const HOLD_TO_CONFIRM_MS = 800;
+export const HOLD_TO_CONFIRM_MS = 1000;
+
+/** Where a press stands; `released` too early, or `done` once it acted. */
+export type Press = "idle" | "pressing" | "released" | "done";
 
 /** Act only after pointer or Enter key was held for `HOLD_TO_CONFIRM_MS`; letting go takes it back. */
 export function useHoldToConfirm(act: () => void) {
-  const [pressing, setPressing] = useState(false);
+  const [press, setPress] = useState<Press>("idle");
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   const release = () => {
     clearTimeout(timer.current);
-    setPressing(false);
+    setPress((last) => (last === "pressing" ? "released" : last));
   };
-  const press = () => {
+  const begin = () => {
     clearTimeout(timer.current);
-    setPressing(true);
+    setPress("pressing");
     timer.current = setTimeout(() => {
-      setPressing(false);
+      setPress("done");
       act();
     }, HOLD_TO_CONFIRM_MS);
   };
@@ -27,14 +30,14 @@ export function useHoldToConfirm(act: () => void) {
   );
   const handlers = {
     onPointerDown: (event: PointerEvent) => {
-      if (event.button === 0) press();
+      if (event.button === 0) begin();
     },
     onPointerUp: release,
     onPointerLeave: release,
     onPointerCancel: release,
     onBlur: release,
     onKeyDown: (event: KeyboardEvent) => {
-      if (event.key === "Enter" && !event.repeat) press();
+      if (event.key === "Enter" && !event.repeat) begin();
     },
     onKeyUp: (event: KeyboardEvent) => {
       if (event.key === "Enter") release();
@@ -43,5 +46,5 @@ export function useHoldToConfirm(act: () => void) {
       event.preventDefault();
     },
   };
-  return { pressing, handlers };
+  return { press, pressing: press === "pressing", handlers };
 }

@@ -1,18 +1,20 @@
 import { useId, useState, type ReactNode, type SubmitEvent } from "react";
-import type { Mode } from "../api/captures";
-import { useConsole, useOperator } from "../context";
+import type { CaptureRequest, Mode } from "../api/captures";
+import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { en } from "../text/en";
 import { FIRST_WISH, LIMITS, requestFromWish, wishErrors, type Wish } from "./wish";
 
 const MODES: readonly Mode[] = ["optimized", "standard"];
 
-/** What to capture next, and the button that starts it. */
-export function CaptureForm() {
-  const operator = useOperator();
+interface CaptureFormProps {
+  readonly onPrepare: (request: CaptureRequest) => void;
+}
+
+/** What to capture next, and the button that leads to its checklist. */
+export function CaptureForm({ onPrepare }: CaptureFormProps) {
   const droneCount = useConsole((state) => state.drones.size);
   const [wish, setWish] = useState<Wish>(FIRST_WISH);
-  const [busy, setBusy] = useState(false);
   const errors = wishErrors(wish);
   const valid = Object.keys(errors).length === 0;
   const text = en.mission.form;
@@ -21,11 +23,7 @@ export function CaptureForm() {
   };
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
-    if (!valid || busy) return;
-    setBusy(true);
-    void operator.startCapture(requestFromWish(wish)).finally(() => {
-      setBusy(false);
-    });
+    if (valid) onPrepare(requestFromWish(wish));
   };
   return (
     <form className="capture-form" noValidate onSubmit={submit} aria-label={text.title}>
@@ -69,7 +67,7 @@ export function CaptureForm() {
               {...props}
               type="number"
               inputMode="decimal"
-              min={LIMITS.trainSeconds.least}
+              min={0}
               max={LIMITS.trainSeconds.most}
               value={wish.trainSeconds}
               onChange={(event) => {
@@ -116,10 +114,10 @@ export function CaptureForm() {
         type="submit"
         className="button button-primary button-wide"
         data-testid="capture-start"
-        disabled={!valid || busy}
+        disabled={!valid}
       >
         <Icon name="play" />
-        {busy ? text.starting : text.start}
+        {text.start}
         <small>{text.takesOff}</small>
       </button>
     </form>

@@ -10,8 +10,12 @@ describe("wishErrors", () => {
     expect(Object.keys(wishErrors({ ...FIRST_WISH, pictures }))).toEqual(["pictures"]);
   });
 
-  it.each(["", " ", "0", "-1", "abc", "1e6"])("refuses %j seconds of training", (trainSeconds) => {
+  it.each(["", " ", "0.5", "-1", "abc", "1e6"])("refuses %j seconds of training", (trainSeconds) => {
     expect(Object.keys(wishErrors({ ...FIRST_WISH, trainSeconds }))).toEqual(["trainSeconds"]);
+  });
+
+  it("takes pictures only where no seconds are wanted", () => {
+    expect(wishErrors({ ...FIRST_WISH, trainSeconds: "0" })).toEqual({});
   });
 
   it("refuses a name that is too long", () => {

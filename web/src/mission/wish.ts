@@ -21,6 +21,7 @@ export const FIRST_WISH: Wish = {
 
 export const LIMITS = {
   pictures: { least: 4, most: 400 },
+  /** No seconds at all take pictures only. */
   trainSeconds: { least: 1, most: 3600 },
   nameLength: 80,
 } as const;
@@ -37,8 +38,8 @@ export function wishErrors(wish: Wish): WishErrors {
   }
   const seconds = wish.trainSeconds.trim() === "" ? Number.NaN : Number(wish.trainSeconds);
   // Written so that NaN is refused as well.
-  if (!(seconds >= trainSeconds.least && seconds <= trainSeconds.most)) {
-    errors.trainSeconds = en.mission.form.number(trainSeconds.least, trainSeconds.most);
+  if (seconds !== 0 && !(seconds >= trainSeconds.least && seconds <= trainSeconds.most)) {
+    errors.trainSeconds = en.mission.form.zeroOr(trainSeconds.least, trainSeconds.most);
   }
   if (wish.name.trim().length > nameLength) errors.name = en.mission.form.nameLong(nameLength);
   return errors;

@@ -121,6 +121,18 @@ export interface MetricsReport {
   readonly psnr_db_object: number | null;
 }
 
+/** A row of the failsafe table began to fire; ``value`` is null where it is not a number. */
+export interface FailsafeReport {
+  readonly type: "failsafe_fired";
+  readonly at: string;
+  readonly drone_id: string;
+  readonly event: string;
+  readonly threshold: number;
+  readonly action: "hold" | "land" | "land_all" | "cut";
+  readonly value: number | null;
+  readonly text: string;
+}
+
 /** A line of the event log. */
 export interface Note {
   readonly type: "noted";
@@ -147,6 +159,7 @@ export type ServerMessage =
   | PosesReport
   | PreviewReport
   | MetricsReport
+  | FailsafeReport
   | Note
   | Missed;
 
@@ -163,9 +176,21 @@ export interface TileShown {
   readonly sequence: number;
 }
 
+/** The operator in command is there; sent every two seconds. Its absence is a failsafe. */
+export interface Heartbeat {
+  readonly type: "heartbeat";
+}
+
+/** The operator leaves and the flight goes on: silence counts no longer. */
+export interface ReleaseCommand {
+  readonly type: "release_command";
+}
+
 export type ClientMessage =
   | ShowTiles
-  | TileShown;
+  | TileShown
+  | Heartbeat
+  | ReleaseCommand;
 
 /** The header of a binary message; ``age_s`` is the picture's age when it was sent. */
 export interface TileHeader {

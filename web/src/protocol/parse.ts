@@ -12,6 +12,7 @@ const TYPES: Readonly<Record<ServerMessage["type"], true>> = {
   poses_refined: true,
   preview_rendered: true,
   metrics_measured: true,
+  failsafe_fired: true,
   noted: true,
   missed: true,
 };

@@ -144,6 +144,21 @@ describe("ConsoleStream", () => {
     expect([socket(0).sent, socket(1).sent]).toEqual([[wish], [wish]]);
   });
 
+  it("sends heartbeats on the open line and keeps none for later", () => {
+    const { stream, socket } = setup();
+    stream.start();
+    stream.sendHeartbeat();
+    expect(stream.releaseCommand()).toBe(false);
+    socket(0).open();
+    expect(socket(0).sent).toEqual([]);
+    stream.sendHeartbeat();
+    expect(stream.releaseCommand()).toBe(true);
+    expect(socket(0).sent).toEqual([{ type: "heartbeat" }, { type: "release_command" }]);
+    socket(0).lose();
+    stream.sendHeartbeat();
+    expect(socket(0).sent).toHaveLength(2);
+  });
+
   it("stays closed after stop", () => {
     const { stream, sockets, socket } = setup();
     stream.start();

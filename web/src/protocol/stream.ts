@@ -68,6 +68,16 @@ export class ConsoleStream {
     this.#send({ type: "show_tiles", drone_ids: droneIds });
   }
 
+  /** Tell the server that the operator in command is there; lost with the line, as it should be. */
+  sendHeartbeat(): void {
+    this.#send({ type: "heartbeat" });
+  }
+
+  /** Take leave of the flight; false when there is no line to say it on. */
+  releaseCommand(): boolean {
+    return this.#send({ type: "release_command" });
+  }
+
   #connect(): void {
     const socket = this.#open(this.#url);
     this.#socket = socket;
@@ -135,8 +145,10 @@ export class ConsoleStream {
     this.#listener.onTile(tile).then(acknowledge, acknowledge);
   }
 
-  #send(message: ClientMessage): void {
-    if (this.#socket?.readyState === OPEN) this.#socket.send(JSON.stringify(message));
+  #send(message: ClientMessage): boolean {
+    if (this.#socket?.readyState !== OPEN) return false;
+    this.#socket.send(JSON.stringify(message));
+    return true;
   }
 }
 

@@ -2,11 +2,12 @@ import { describe, expect, it } from "vitest";
 import type {
   CaptureReport,
   DroneReport,
+  FailsafeReport,
   PictureReport,
   TrainingReport,
 } from "../protocol/messages.gen";
 import { reduce } from "./reduce";
-import { INITIAL_STATE, type ConsoleState, type Message } from "./state";
+import { fliesByItself, INITIAL_STATE, type ConsoleState, type Message } from "./state";
 
 const T0 = 1_000_000;
 
@@ -72,6 +73,20 @@ function training(stage: string, seconds: number, changes: Partial<TrainingRepor
   };
 }
 
+function failsafe(droneId: string, changes: Partial<FailsafeReport> = {}): FailsafeReport {
+  return {
+    type: "failsafe_fired",
+    at: "2026-01-01T10:00:00Z",
+    drone_id: droneId,
+    event: "video_age_s",
+    threshold: 4,
+    action: "hold",
+    value: 4.2,
+    text: "no picture for 4.2 s",
+    ...changes,
+  };
+}
+
 function after(messages: readonly Message[], from: ConsoleState = INITIAL_STATE): ConsoleState {
   return messages.reduce((state, message) => reduce(state, message, T0), from);
 }
@@ -120,6 +135,65 @@ describe("reduce: drones", () => {
     expect(before.drones).toBe(drones);
     expect(drones.size).toBe(1);
     expect(before.findings.pictures).toEqual([]);
+  });
+});
+
+describe("reduce: what a drone is doing", () => {
+  it("remembers since when, and that it does not know of the time before", () => {
+    const first = after([drone("a", { activity: "holding" })]);
+    expect(first.drones.get("a")?.activitySince).toBe("");
+    const later = after([drone("a", { activity: "landing", at: "t1" })], first);
+    expect(later.drones.get("a")?.activitySince).toBe("t1");
+    const same = after([drone("a", { activity: "landing", at: "t2" })], later);
+    expect(same.drones.get("a")?.activitySince).toBe("t1");
+  });
+});
+
+describe("reduce: failsafes", () => {
+  it("keeps the newest fifty, and one that is repeated once", () => {
+    const many = Array.from({ length: 60 }, (_, index) => failsafe("a", { at: `t${index}` }));
+    const { failsafes } = after([...many, failsafe("a", { at: "t59" })]);
+    expect(failsafes).toHaveLength(50);
+    expect(failsafes[0]?.at).toBe("t10");
+    expect(failsafes.at(-1)?.at).toBe("t59");
+  });
+
+  it("tells the rows and the drones of one moment apart", () => {
+    const { failsafes } = after([
+      failsafe("a"),
+      failsafe("b"),
+      failsafe("a", { action: "land", threshold: 20 }),
+      failsafe("a", { event: "state_age_s" }),
+    ]);
+    expect(failsafes).toHaveLength(4);
+  });
+
+  it("outlives a reconnection", () => {
+    const state = after([failsafe("a"), { type: "stream_opened" }, failsafe("a"), drone("a")]);
+    expect(state.failsafes).toHaveLength(1);
+  });
+});
+
+describe("reduce: command", () => {
+  it("begins and ends when it is taken and released, not with the connection", () => {
+    const taken = after([{ type: "command_taken" }]);
+    expect(taken.inCommand).toBe(true);
+    expect(after([{ type: "command_taken" }], taken)).toBe(taken);
+    expect(after([{ type: "stream_lost" }, { type: "stream_opened" }], taken).inCommand).toBe(true);
+    expect(after([{ type: "command_released" }], taken).inCommand).toBe(false);
+  });
+});
+
+describe("fliesByItself", () => {
+  it.each([
+    ["preflight", "running", true],
+    ["capture", "paused", true],
+    ["land", "running", true],
+    ["grounded", "paused", false],
+    ["train", "running", false],
+    ["capture", "aborted", false],
+  ] as const)("%s, %s: %s", (phase, state, expected) => {
+    expect(fliesByItself(capture("1", { phase, state }))).toBe(expected);
   });
 });
 

@@ -1,4 +1,4 @@
-import type { CaptureReport, PictureReport, ServerMessage } from "../protocol/messages.gen";
+import type { CaptureReport, FailsafeReport, PictureReport, ServerMessage } from "../protocol/messages.gen";
 import { en } from "../text/en";
 import { stepOfPhase, STEPS, type Step } from "./phases";
 import { appendReport } from "./series";
@@ -16,6 +16,9 @@ import {
 
 /** Lines the event log keeps; the oldest go first. The run folder has them all. */
 const LONGEST_LOG = 500;
+
+/** As many as the server remembers. */
+const MOST_FAILSAFES = 50;
 
 /** Alarms that fit above the page without hiding it. */
 const MOST_ALARMS = 3;
@@ -36,6 +39,8 @@ const LOCAL_TYPES: Readonly<Record<LocalMessage["type"], true>> = {
   stream_opened: true,
   stream_lost: true,
   signed_out: true,
+  command_taken: true,
+  command_released: true,
   hold_accepted: true,
   alarm_raised: true,
   alarm_dismissed: true,
@@ -61,6 +66,11 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
       return { ...state, connection: { kind: "lost", sinceMs: nowMs } };
     case "signed_out":
       return { ...state, connection: { kind: "signed_out" } };
+    case "command_taken":
+    case "command_released": {
+      const inCommand = message.type === "command_taken";
+      return state.inCommand === inCommand ? state : { ...state, inCommand };
+    }
     case "hold_accepted":
       return { ...state, drones: withHeld(state, message.droneId) };
     case "alarm_raised":
@@ -76,9 +86,14 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
   switch (message.type) {
     case "drone_reported": {
       const drones = new Map(state.drones);
-      drones.set(message.drone_id, { report: message, receivedMs: nowMs });
+      const before = drones.get(message.drone_id);
+      const same = before?.report.activity === message.activity;
+      const activitySince = before === undefined ? "" : same ? before.activitySince : message.at;
+      drones.set(message.drone_id, { report: message, receivedMs: nowMs, activitySince });
       return { ...state, drones };
     }
+    case "failsafe_fired":
+      return withFailsafe(state, message);
     case "noted":
       return withLine(state, { ...message, droneId: message.drone_id });
     case "missed":
@@ -142,7 +157,7 @@ function missionOf(mission: Mission): Mission {
 
 type MissionMessage = Exclude<
   ServerMessage,
-  { readonly type: "drone_reported" | "noted" | "missed" }
+  { readonly type: "drone_reported" | "failsafe_fired" | "noted" | "missed" }
 >;
 
 /** Take in news of the mission; `live` when they are not a repetition of what stands. */
@@ -225,6 +240,19 @@ function withStep(mission: Mission, at: string): Mission {
 
 function isBefore(step: Step, other: Step | null): boolean {
   return other !== null && STEPS.indexOf(step) < STEPS.indexOf(other);
+}
+
+/** Keep what fired; one that stands already is a repetition after a reconnection. */
+function withFailsafe(state: ConsoleState, fired: FailsafeReport): ConsoleState {
+  const known = state.failsafes.some(
+    (old) =>
+      old.at === fired.at &&
+      old.drone_id === fired.drone_id &&
+      old.event === fired.event &&
+      old.action === fired.action,
+  );
+  if (known) return state;
+  return { ...state, failsafes: [...state.failsafes, fired].slice(-MOST_FAILSAFES) };
 }
 
 /** Log what failed and keep it in sight; the same failure again replaces the older one. */

@@ -1,6 +1,7 @@
 import type {
   CaptureReport,
   DroneReport,
+  FailsafeReport,
   MetricsReport,
   Note,
   PictureReport,
@@ -26,6 +27,9 @@ export type Connection =
 export interface DroneState {
   readonly report: DroneReport;
   readonly receivedMs: number;
+  /** When the drone began what it is doing (the server's ISO 8601 time); empty when it was before
+   * anything was heard of it. */
+  readonly activitySince: string;
 }
 
 export interface LogLine {
@@ -72,6 +76,10 @@ export interface ConsoleState extends Mission {
    * those of an earlier capture.
    */
   readonly arriving: { readonly mission: Mission; readonly sinceMs: number } | null;
+  /** The newest failsafes that began to fire, oldest first. */
+  readonly failsafes: readonly FailsafeReport[];
+  /** True once somebody flew from this tab, until they take leave: their silence is a failsafe. */
+  readonly inCommand: boolean;
   /** What the operator asked for and did not get; each stands until it is dismissed. */
   readonly alarms: readonly LogLine[];
   readonly log: readonly LogLine[];
@@ -83,6 +91,8 @@ export type LocalMessage =
   | { readonly type: "stream_opened" }
   | { readonly type: "stream_lost" }
   | { readonly type: "signed_out" }
+  | { readonly type: "command_taken" }
+  | { readonly type: "command_released" }
   /** The server accepted a hold, for one drone or (null) for all. */
   | { readonly type: "hold_accepted"; readonly droneId: string | null }
   | {
@@ -127,10 +137,30 @@ export const INITIAL_STATE: ConsoleState = {
   drones: new Map(),
   ...NO_MISSION,
   arriving: null,
+  failsafes: [],
+  inCommand: false,
   alarms: [],
   log: [],
   nextLogId: 0,
 };
+
+/** Phases of an active capture after which nothing flies any more. */
+const AFTER_FLIGHT: ReadonlySet<string> = new Set(["train", "done", "ended"]);
+
+/** True while a capture has drones in the air or will send them there by itself. */
+export function fliesByItself(capture: CaptureReport | null): boolean {
+  return (
+    capture !== null &&
+    isActive(capture) &&
+    !isGrounded(capture) &&
+    !AFTER_FLIGHT.has(capture.phase)
+  );
+}
+
+/** True while a capture waits on the ground for batteries and the operator. */
+export function isGrounded(capture: CaptureReport): boolean {
+  return capture.phase === "grounded" && capture.state === "paused";
+}
 
 /** True while a capture flies, trains or waits. */
 export function isActive(capture: CaptureReport): boolean {

@@ -1,0 +1,168 @@
+"""Collects views of a board from the live video of a drone that is held in the hand.
+
+Sent are ``command`` (also to keep the drone awake), ``streamon`` and, if it was off before,
+``streamoff``: nothing that moves. The motors must stand still, before and all the while.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from server.doctor.config import DoctorConfig, LiveConfig
+from server.doctor.ears import Ears, ask
+from server.stages import Frame, Telemetry
+from server.swarm.config import DroneConfig
+from server.swarm.protocol import ProtocolError, decode_state
+from server.swarm.video import VideoDecoder
+from server.vision.calibration_board import BoardFinder, BoardView
+from server.vision.calibration_views import Picked, ViewPicker
+
+
+class LiveViewsError(Exception):
+    """Views cannot be collected; the text is one line that says why and what to do."""
+
+
+class _Stream:
+    """What a drone sends: its newest whole picture and whether its motors run."""
+
+    def __init__(self, drone: DroneConfig) -> None:
+        self.newest: Frame | None = None
+        self.arrived = asyncio.Event()
+        self.reports = 0
+        self.video_s = 0.0
+        self.has_video = False
+        self.runs_since_s: float | None = None
+        self._drone = drone
+        self._before: Telemetry | None = None
+
+    def take_state(self, datagram: bytes, arrived_s: float) -> None:
+        try:
+            telemetry = decode_state(datagram, self._drone.id, arrived_s)
+        except ProtocolError:
+            return
+        self.reports += 1
+        if self._before is not None and telemetry.motor_time_s > self._before.motor_time_s:
+            self.runs_since_s = arrived_s
+        self._before = telemetry
+
+    def take_frame(self, frame: Frame) -> None:
+        if not frame.damaged:
+            self.newest = frame
+            self.arrived.set()
+
+    def refuse_flight(self) -> None:
+        if self.runs_since_s is not None:
+            raise LiveViewsError(
+                f"the motors of {self._drone.id} run: land it first, a camera is calibrated by hand"
+            )
+
+
+async def collect_views(
+    drone: DroneConfig,
+    finder: BoardFinder,
+    picker: ViewPicker,
+    live: LiveConfig,
+    waits: DoctorConfig,
+    progress: Callable[[Picked], None],
+    stop: asyncio.Event,
+) -> list[BoardView]:
+    """Collect distinct views until there are enough, ``stop`` is set or nothing new comes.
+
+    Args:
+        drone: Whose camera it is.
+        finder: Finds the board.
+        picker: Chooses views.
+        live: How many, and how patient.
+        waits: Waits for replies.
+        progress: Told about every picture that was looked at.
+        stop: Ends the collection; what was collected counts.
+
+    Raises:
+        LiveViewsError: If the drone does not answer or sends no video, its ports are taken, or its
+            motors run.
+    """
+    stream = _Stream(drone)
+    async with Ears() as ears, VideoDecoder(drone.id, stream.take_frame) as decoder:
+        loop = asyncio.get_running_loop()
+
+        def take_video(datagram: bytes, arrived_s: float) -> None:
+            stream.video_s, stream.has_video = arrived_s, True
+            decoder.feed(datagram, arrived_s)
+
+        try:
+            await ears.listen(drone, drone.state_port, stream.take_state)
+            await ears.listen(drone, drone.video_port, take_video)
+        except OSError as error:
+            raise LiveViewsError(
+                f"the ports of {drone.id} cannot be had ({error.strerror or error}):"
+                " is a console running? See dronerf doctor"
+            ) from error
+        await _begin(drone, stream, live, waits)
+        was_on = stream.has_video
+        awake = asyncio.create_task(_keep_awake(drone, stream, live, waits), name="keep awake")
+        try:
+            ends_s = loop.time() + live.patience_s
+            while len(picker.views) < live.views and not stop.is_set() and loop.time() < ends_s:
+                stream.refuse_flight()
+                frame = await _next_frame(stream, stop)
+                if frame is None:
+                    continue
+                view = await asyncio.to_thread(finder.find, frame.image_bgr)
+                picked = picker.consider(view)
+                progress(picked)
+                if picked.view is not None:
+                    ends_s = loop.time() + live.patience_s
+            if stream.newest is None:
+                raise LiveViewsError(f"no whole picture of {drone.id} came: see dronerf doctor")
+        finally:
+            awake.cancel()
+            await asyncio.gather(awake, return_exceptions=True)
+            if not was_on:
+                await ask(drone, "streamoff", tries=waits.tries, wait_s=waits.reply_s)
+    return list(picker.views)
+
+
+async def _begin(
+    drone: DroneConfig, stream: _Stream, live: LiveConfig, waits: DoctorConfig
+) -> None:
+    reply = await ask(drone, "command", tries=waits.tries, wait_s=waits.reply_s)
+    if reply is None or reply.kind != "ok":
+        raise LiveViewsError(f"{drone.id} does not answer at {drone.address}: see dronerf doctor")
+    # Long enough for the drone's count of motor seconds to show whether they run.
+    await asyncio.sleep(live.state_wait_s)
+    if not stream.reports:
+        raise LiveViewsError(
+            f"no state reports of {drone.id}, so whether its motors run is not known:"
+            " see dronerf doctor"
+        )
+    stream.refuse_flight()
+
+
+async def _keep_awake(
+    drone: DroneConfig, stream: _Stream, live: LiveConfig, waits: DoctorConfig
+) -> None:
+    loop = asyncio.get_running_loop()
+    while True:
+        if loop.time() - stream.video_s > live.video_silence_s:
+            await ask(drone, "streamon", tries=1, wait_s=waits.reply_s)
+            stream.video_s = max(stream.video_s, loop.time())
+        await asyncio.sleep(min(live.keep_alive_s, live.video_silence_s))
+        await ask(drone, "command", tries=1, wait_s=waits.reply_s)
+
+
+async def _next_frame(stream: _Stream, stop: asyncio.Event) -> Frame | None:
+    """Return the next whole picture, None when none comes for a while or ``stop`` is set."""
+    waits = {
+        asyncio.create_task(stream.arrived.wait()),
+        asyncio.create_task(stop.wait()),
+    }
+    try:
+        await asyncio.wait(waits, timeout=1.0, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in waits:
+            task.cancel()
+    if not stream.arrived.is_set() or stop.is_set():
+        return None
+    stream.arrived.clear()
+    return stream.newest

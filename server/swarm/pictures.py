@@ -1,0 +1,119 @@
+"""One drone's pictures: the newest one, how many come, when to ask for them again."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Protocol
+
+from server.stages import Frame
+from server.swarm.errors import DroneError
+
+_FPS_WINDOW_S = 3.0
+
+
+class FrameDecoder(Protocol):
+    """Turns video datagrams into frames; an async context manager living on the event loop."""
+
+    async def __aenter__(self) -> object:
+        """Begin."""
+        ...
+
+    async def __aexit__(self, *exc: object) -> None:
+        """End; no frame is handed over afterwards."""
+        ...
+
+    def feed(self, datagram: bytes, arrived_s: float) -> None:
+        """Take one video datagram; neither blocks nor raises for bad data."""
+        ...
+
+
+# Makes the decoder of a drone by its id; it calls the second argument, on the event loop, with
+# each frame.
+DecoderMaker = Callable[[str, Callable[[Frame], None]], FrameDecoder]
+
+
+class Pictures:
+    """What the camera of one drone sends.
+
+    Attributes:
+        newest: Newest decoded picture, None before the first.
+        wanted: True while the video is meant to be on.
+    """
+
+    def __init__(self, drone_id: str, clock: Callable[[], float], decoder: DecoderMaker) -> None:
+        self.newest: Frame | None = None
+        self.wanted = False
+        self._drone_id = drone_id
+        self._clock = clock
+        self._decoder = decoder(drone_id, self._take_frame)
+        self._times: deque[float] = deque(maxlen=128)
+        self._arrived = asyncio.Event()
+        self._closed = False
+        self._heard_s = 0.0
+        self._asked_s = 0.0
+        self._wanted_s = 0.0
+
+    async def open(self) -> None:
+        """Start the decoder."""
+        await self._decoder.__aenter__()
+
+    async def close(self) -> None:
+        """End the decoder and whoever waits for a picture."""
+        self._closed = True
+        self._arrived.set()
+        await self._decoder.__aexit__(None, None, None)
+
+    def feed(self, datagram: bytes, arrived_s: float) -> None:
+        """Take one video datagram."""
+        self._heard_s = arrived_s
+        self._decoder.feed(datagram, arrived_s)
+
+    def want(self, on: bool, now_s: float) -> None:
+        """Note that the video was just asked for or called off."""
+        if on and not self.wanted:
+            self._wanted_s = now_s
+        self.wanted = on
+        self._heard_s = self._asked_s = now_s
+
+    def must_ask_again(self, now_s: float, silence_s: float) -> bool:
+        """Return whether wanted video has been silent for so long; notes that it is asked for."""
+        due = self.wanted and now_s - max(self._heard_s, self._asked_s) > silence_s
+        if due:
+            self._asked_s = now_s
+        return due
+
+    def age_s(self, now_s: float) -> float | None:
+        """Return the seconds since the newest picture, None while there are to be none.
+
+        A camera that never sent one keeps a drone on the ground by the preflight check, not in the
+        air by its age.
+        """
+        if not self.wanted or not self._times:
+            return None
+        return now_s - max(self._times[-1], self._wanted_s)
+
+    @property
+    def fps(self) -> float:
+        """Decoded pictures per second over the last seconds."""
+        since_s = self._clock() - _FPS_WINDOW_S
+        return sum(at_s > since_s for at_s in self._times) / _FPS_WINDOW_S
+
+    async def next(self, after: int) -> Frame:
+        """Return the newest picture whose sequence exceeds ``after``, waiting for one if need be.
+
+        Raises:
+            DroneError: If the drone is closed meanwhile.
+        """
+        while self.newest is None or self.newest.sequence <= after:
+            if self._closed:
+                raise DroneError(f"{self._drone_id}: closed")
+            await self._arrived.wait()
+        return self.newest
+
+    def _take_frame(self, frame: Frame) -> None:
+        self.newest = frame
+        self._times.append(self._clock())
+        self._arrived.set()
+        self._arrived = asyncio.Event()

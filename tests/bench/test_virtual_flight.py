@@ -1,0 +1,97 @@
+"""Whole missions in virtual time: they repeat exactly, and what goes wrong ends well."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+import pytest
+
+from server.bench.missions.cases import CONSOLE_FAULTS, DRONE_FAULTS, LOSSES, Case, cases
+from server.bench.missions.measure import summary
+from server.bench.missions.outcome import Outcome
+from server.bench.missions.virtual_flight import fly_in_virtual_time
+from server.sim.faults import parse_fault
+
+pytestmark = pytest.mark.slow
+
+
+def fly(fault: str = "", phase: str = "", *, loss: float = 0.0, seed: int = 5) -> Outcome:
+    return fly_in_virtual_time(Case("robot_dog", seed, loss, fault, phase, pictures=8))
+
+
+def assert_nobody_was_hurt(outcome: Outcome) -> None:
+    assert outcome.collisions == 0
+    assert outcome.fence_violations == 0
+    assert not outcome.unsafe_end
+
+
+def test_a_case_repeats_exactly() -> None:
+    first, again = asdict(fly(loss=0.1)), asdict(fly(loss=0.1))
+    first.pop("wall_s")
+    again.pop("wall_s")
+    assert first == again
+
+
+def test_a_mission_with_a_tenth_of_all_datagrams_lost_is_completed() -> None:
+    outcome = fly(loss=0.1, seed=9)
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+    assert_nobody_was_hurt(outcome)
+
+
+def test_the_others_take_over_from_a_drone_that_falls_out_of_the_air() -> None:
+    outcome = fly("power_cut", "fly")
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+    assert list(outcome.dropped) == [outcome.onset]
+    assert_nobody_was_hurt(outcome)
+
+
+def test_after_hold_rearm_and_resume_the_capture_is_completed() -> None:
+    outcome = fly("hold_all", "fly")
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+    assert_nobody_was_hurt(outcome)
+
+
+def test_a_capture_that_was_landed_waits_and_is_resumed() -> None:
+    outcome = fly("land_all", "fly")
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+    assert outcome.seconds["grounded"] > 5.0
+    assert_nobody_was_hurt(outcome)
+
+
+def test_a_link_that_dies_in_flight_makes_the_failsafe_land() -> None:
+    outcome = fly("loss=1.0", "fly")
+    assert outcome.state == "succeeded"
+    actions = [r.action for r in outcome.reactions if r.event == "state_age_s"]
+    assert actions == ["hold", "land"]
+    assert_nobody_was_hurt(outcome)
+
+
+def test_a_planner_that_hangs_is_not_waited_for() -> None:
+    outcome = fly("planner_hangs", "plan")
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+
+
+def test_there_are_enough_cases_and_the_simulator_knows_every_fault() -> None:
+    wanted = cases(["human", "guitar"], 0)
+    assert len(wanted) >= 500
+    assert len({case.name for case in wanted}) == len(wanted)
+    for fault in DRONE_FAULTS:
+        parse_fault(fault)
+    tried = {(case.fault, case.phase, case.loss) for case in wanted}
+    for fault, phases in (DRONE_FAULTS | CONSOLE_FAULTS).items():
+        assert all((fault, phase, loss) in tried for phase in phases for loss in LOSSES)
+
+
+def test_the_summary_counts_what_happened() -> None:
+    outcome = fly()
+    figures = summary([outcome, outcome])
+    assert figures["missions"] == 2
+    assert figures["completed"] == 2
+    assert figures["images"] == 16
+    assert figures["collisions"] == 0
+    assert figures["real_udp_missions"] == 0

@@ -1,0 +1,86 @@
+import type { DroneReport, FailsafeReport } from "../protocol/messages.gen";
+import { activityFace, isFlying } from "../fly/activity";
+import type { DroneState } from "../state/state";
+
+export type Action = FailsafeReport["action"];
+
+const RANK: Readonly<Record<Action, number>> = { hold: 0, land: 1, land_all: 2, cut: 3 };
+
+/** What a drone reports of the values that the table watches; the others only the server knows. */
+const MEASURED: Readonly<Record<string, (report: DroneReport, elapsedS: number) => number | null>> = {
+  battery_pct: (report) => report.battery_pct,
+  temperature_c: (report) => report.temperature_c,
+  pose_sigma_m: (report) => report.position_sigma_m,
+  state_age_s: (report, elapsedS) => later(report.state_age_s, elapsedS),
+  video_age_s: (report, elapsedS) => later(report.video_age_s, elapsedS),
+};
+
+/** A drone that came down later than this after a failsafe came down for another reason. */
+const LONGEST_LANDING_S = 60;
+
+function later(ageS: number | null, elapsedS: number): number | null {
+  return ageS === null ? null : ageS + elapsedS;
+}
+
+/** Return whether what fired still fires, as far as the drone's newest report tells. */
+export function firesNow(fired: FailsafeReport, drone: DroneState | undefined, nowMs: number): boolean {
+  if (drone === undefined) return false;
+  const { report, receivedMs, activitySince } = drone;
+  if (fired.action === "cut") return report.activity === "cut" && fired.at >= activitySince;
+  if (!activityFace(report.activity).inAir) return false;
+  const measure = Object.hasOwn(MEASURED, fired.event) ? MEASURED[fired.event] : undefined;
+  const value = measure?.(report, Math.max(0, nowMs - receivedMs) / 1000) ?? null;
+  if (value !== null) {
+    return fired.event === "battery_pct" ? value <= fired.threshold : value >= fired.threshold;
+  }
+  const answer = fired.action === "hold" ? "holding" : "landing";
+  // An earlier flight's or hold's cause is not the cause of this one.
+  return report.activity === answer && !report.held && fired.at >= activitySince;
+}
+
+/** What a tile tells of the failsafes of its drone. */
+export interface TileNews {
+  readonly fired: FailsafeReport;
+  readonly now: boolean;
+}
+
+/**
+ * Return the strongest of what fires for a drone now; for one that was brought down, what did it.
+ */
+export function tileNews(
+  failsafes: readonly FailsafeReport[],
+  drone: DroneState,
+  nowMs: number,
+): TileNews | null {
+  const own = failsafes.filter((fired) => fired.drone_id === drone.report.drone_id);
+  const now = own.filter((fired) => firesNow(fired, drone, nowMs));
+  const strongest = now.reduce<FailsafeReport | null>(
+    (best, fired) => (best === null || RANK[fired.action] >= RANK[best.action] ? fired : best),
+    null,
+  );
+  if (strongest !== null) return { fired: strongest, now: true };
+  const last = own.findLast((fired) => fired.action !== "hold");
+  if (last === undefined || isFlying(drone.report.activity)) return null;
+  const downS = (Date.parse(drone.activitySince) - Date.parse(last.at)) / 1000;
+  // Written so that an unknown time of landing is believed.
+  return downS > LONGEST_LANDING_S ? null : { fired: last, now: false };
+}
+
+/** The key of a table row; an event may hold at one threshold and land at another. */
+export function rowKey(row: { readonly event: string; readonly action: string }): string {
+  return `${row.event} ${row.action}`;
+}
+
+/** Return by row and then drone the newest time that each fired. */
+export function newestByRow(
+  failsafes: readonly FailsafeReport[],
+): ReadonlyMap<string, readonly FailsafeReport[]> {
+  const rows = new Map<string, Map<string, FailsafeReport>>();
+  for (const fired of failsafes) {
+    const key = rowKey(fired);
+    const row = rows.get(key) ?? new Map<string, FailsafeReport>();
+    row.set(fired.drone_id, fired);
+    rows.set(key, row);
+  }
+  return new Map([...rows].map(([key, row]) => [key, [...row.values()]]));
+}
