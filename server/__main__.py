@@ -113,7 +113,8 @@ async def _demo(arguments: argparse.Namespace) -> int:
     started_s = time.monotonic()
     async with AsyncExitStack() as stack:
         sock = None if arguments.headless else bind_port(settings.host, settings.port)
-        fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+        simulator = await stack.enter_async_context(simulated_fleet(wanted))
+        fleet_config = simulator.fleet
         control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
         if sock is not None:
             address = await stack.enter_async_context(console(settings, control, fleet, sock))
@@ -161,7 +162,7 @@ async def _serve(arguments: argparse.Namespace) -> int:
         else:
             sock = bind_port(settings.host, settings.port)
             wanted = SimulatedFleet(arguments.sim or "robot_dog", arguments.drones, arguments.seed)
-            fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+            fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
         control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
         address = await stack.enter_async_context(console(settings, control, fleet, sock))
         print(f"The console is at {address}", file=sys.stderr, flush=True)
@@ -296,7 +297,7 @@ async def _doctor(arguments: argparse.Namespace) -> int:
             fleet_config = real_fleet(arguments.fleet)
         elif arguments.sim:
             wanted = SimulatedFleet("robot_dog", arguments.drones)
-            fleet_config = await stack.enter_async_context(simulated_fleet(wanted))
+            fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
         return await run_doctor(Subject(fleet_config, runs), arguments.scan, arguments.json)
 
 

@@ -15,7 +15,7 @@ import random
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -73,9 +73,22 @@ class SimulatedFleet:
     faults: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class RunningSimulator:
+    """A simulator that runs.
+
+    Attributes:
+        fleet: How its drones are reached.
+        inject: Lets a fault happen now, as ``server.sim.faults.parse_fault`` reads it.
+    """
+
+    fleet: FleetConfig
+    inject: Callable[[str], None]
+
+
 @asynccontextmanager
-async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
-    """Run the simulator as a child process and yield the fleet that reaches it.
+async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[RunningSimulator]:
+    """Run the simulator as a child process.
 
     Raises:
         StartError: If the scene is bad or the simulator does not start.
@@ -83,7 +96,7 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
     config = SimConfig(
         scene=wanted.scene,
         drones=wanted.drones,
-        base_address=wanted.address or _free_loopback_block(wanted.drones),
+        base_address=wanted.address or free_loopback_block(wanted.drones),
         seed=wanted.seed,
     )
     arguments = ["--scene", config.scene, "--drones", str(config.drones)]
@@ -102,10 +115,12 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
         "server.sim.simulator",
         *arguments,
         stdout=asyncio.subprocess.PIPE,
-        stdin=asyncio.subprocess.DEVNULL,
+        stdin=asyncio.subprocess.PIPE,
         start_new_session=True,
     )
+    stdin = process.stdin
     assert process.stdout is not None
+    assert stdin is not None
     try:
         try:
             line = await asyncio.wait_for(process.stdout.readline(), _SIM_START_S)
@@ -116,7 +131,7 @@ async def simulated_fleet(wanted: SimulatedFleet) -> AsyncIterator[FleetConfig]:
             if code == 2:
                 raise SimulatorRefusedError("the simulator has said why it does not start")
             raise StartError(f"the simulator ended with exit code {code}; see the lines above")
-        yield fleet_config(config)
+        yield RunningSimulator(fleet_config(config), lambda text: stdin.write(f"{text}\n".encode()))
     finally:
         if process.returncode is None:
             process.terminate()
@@ -135,7 +150,7 @@ def real_fleet(path: Path) -> FleetConfig:
         raise StartError(str(error)) from error
 
 
-def _free_loopback_block(drones: int) -> str:
+def free_loopback_block(drones: int) -> str:
     """Return the first address of a loopback block on whose command ports nobody listens."""
     for _ in range(100):
         first = f"127.{random.randint(1, 254)}.{random.randint(1, 254)}.1"

@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -31,6 +32,7 @@ from server.sim.world import World, WorldError
 _ORPHAN_CHECK_S = 1.0
 _NAMESPACE_ADDRESS = "192.168.10.1"
 _LONGEST_LINE = 4096
+_BODIES_PERIOD_S = 0.1
 
 
 def make_world(config: SimConfig) -> PictureSource:
@@ -79,6 +81,9 @@ async def run_simulator(
         announce(json.dumps(_ready_line(config)))
         if faults_from is not None:
             _listen(faults_from, drones)
+        if config.truth_file is not None:
+            bodies = asyncio.create_task(_write_bodies(config.truth_file, drones), name="bodies")
+            stack.callback(bodies.cancel)
         waits = {
             asyncio.create_task(ends.wait(), name="sim stop"),
             asyncio.create_task(studio.ended(), name="sim studio"),
@@ -91,6 +96,22 @@ async def run_simulator(
             for task in waits:
                 task.cancel()
             await asyncio.gather(*waits, return_exceptions=True)
+
+
+async def _write_bodies(truth_file: Path, drones: Sequence[SimulatedDrone]) -> None:
+    """Write where every drone truly is, ten times a second, beside the truth of the pictures."""
+    with Path(f"{truth_file}.bodies").open("a") as file:
+        while True:
+            bodies = {
+                drone.drone_id: {
+                    "position": drone.airframe.position.tolist(),
+                    "phase": drone.airframe.phase,
+                }
+                for drone in drones
+            }
+            file.write(json.dumps({"t_monotonic": time.monotonic(), "bodies": bodies}) + "\n")
+            file.flush()
+            await asyncio.sleep(_BODIES_PERIOD_S)
 
 
 def _listen(descriptor: int, drones: Sequence[SimulatedDrone]) -> None:
@@ -171,7 +192,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--drones", type=int, default=defaults.drones)
     parser.add_argument("--address", help=f"of the first drone ({defaults.base_address})")
     parser.add_argument("--seed", type=int, default=defaults.seed)
-    parser.add_argument("--truth", type=Path, help="append true camera poses to this file")
+    parser.add_argument(
+        "--truth",
+        type=Path,
+        help="append true camera poses to this file, and where the drones are to FILE.bodies",
+    )
     parser.add_argument("--supersample", type=int, default=defaults.supersample)
     parser.add_argument(
         "--fault",

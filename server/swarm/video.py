@@ -6,18 +6,15 @@ import asyncio
 import logging
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable
-from typing import cast
+from collections.abc import Callable
 
 import av
 import numpy as np
 from av.codec.context import Flags
 from av.error import FFmpegError
-from av.sidedata.sidedata import SideData, Type
 
 from server.stages import Frame
 from server.swarm.access_units import AccessUnit, AccessUnits
-from server.swarm.quantiser import QuantiserWatch
 
 _LOG = logging.getLogger(__name__)
 
@@ -83,7 +80,6 @@ class VideoDecoder:
 
     def _run(self) -> None:
         codec = _open_codec()
-        quantisers = QuantiserWatch()
         damaged = True
         running = False  # Until the first key picture there is nothing to decode.
         sequence = 0
@@ -109,9 +105,7 @@ class VideoDecoder:
                 _LOG.exception("%s: decoder failed, starts anew", self._drone_id)
                 codec, running, damaged = _open_codec(), False, True
                 continue
-            patched = any(picture.is_corrupt for picture in pictures)
-            rubbish = [quantisers.is_rubbish(_parameters(picture)) for picture in pictures]
-            if len(pictures) != 1 or patched or any(rubbish):
+            if len(pictures) != 1 or any(picture.is_corrupt for picture in pictures):
                 self.errors += 1
                 damaged = True
             for picture in images:
@@ -135,15 +129,5 @@ def _open_codec() -> av.VideoCodecContext:
     codec.thread_count = 1
     # Without this the decoder may hold pictures back: the drone's SPS does not bound reordering.
     codec.flags |= Flags.low_delay
-    codec.options = {
-        "err_detect": "crccheck+bitstream+buffer",
-        "export_side_data": "venc_params",  # For the quantisers.
-    }
+    codec.options = {"err_detect": "crccheck+bitstream+buffer"}
     return codec
-
-
-def _parameters(picture: av.VideoFrame) -> memoryview:
-    for side_data in cast("Iterable[SideData]", picture.side_data):
-        if side_data.type == Type.VIDEO_ENC_PARAMS:
-            return memoryview(side_data)
-    return memoryview(b"")

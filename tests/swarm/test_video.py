@@ -7,7 +7,6 @@ exactly the picture of that place in the whole stream.
 from __future__ import annotations
 
 import asyncio
-import struct
 from fractions import Fraction
 from functools import cache
 
@@ -20,7 +19,6 @@ from hypothesis import strategies as st
 
 from server.stages import Frame
 from server.swarm.access_units import PIECE_BYTES, AccessUnit, AccessUnits
-from server.swarm.quantiser import QuantiserWatch, largest_jump
 from server.swarm.video import VideoDecoder
 
 WIDTH, HEIGHT = 320, 240
@@ -252,37 +250,6 @@ def test_a_datagram_held_back_past_its_picture_marks_damage() -> None:
     frames, _ = decoded(stream)
     assert all(frame.damaged for frame in frames if 4 <= frame.captured_s < KEY_EVERY)
     assert_undamaged_are_true([f for f in frames if f.captured_s >= KEY_EVERY])
-
-
-# Quantisers ---------------------------------------------------------------------------------------
-
-
-def parameters(quantisers: list[int]) -> memoryview:
-    """An ``AVVideoEncParams`` with a block per quantiser, as FFmpeg lays it out."""
-    head = struct.pack("=I4xQQiii", len(quantisers), 48, 20, 1, 28, 0) + bytes(12)
-    blocks = (struct.pack("=5i", 16 * at, 0, 16, 16, q) for at, q in enumerate(quantisers))
-    return memoryview(head + b"".join(blocks))
-
-
-def test_the_largest_jump_is_read() -> None:
-    assert largest_jump(parameters([0, 1, -2, -2, 5])) == 7
-    assert largest_jump(parameters([3])) is None
-    whole = parameters([0, 1, 2])
-    for length in range(whole.nbytes):
-        assert largest_jump(whole[:length]) is None
-
-
-def test_rubbish_is_told_from_the_habits_of_an_encoder() -> None:
-    calm = QuantiserWatch()
-    assert not any(calm.is_rubbish(parameters([0, 0, 1, 0])) for _ in range(100))
-    assert calm.is_rubbish(parameters([0, 0, 20, 0]))
-    assert not calm.is_rubbish(parameters([0, 0, 1, 0]))
-    lively = QuantiserWatch()
-    told = [lively.is_rubbish(parameters([0, 9, 0, 9])) for _ in range(100)]
-    assert told[0]
-    assert not any(told[10:]), "a habit"
-    assert lively.is_rubbish(parameters([0, 25, 0, 9]))
-    assert not lively.is_rubbish(memoryview(b"")), "not known"
 
 
 @pytest.mark.slow

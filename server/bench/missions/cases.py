@@ -47,6 +47,19 @@ CONSOLE_FAULTS: dict[str, tuple[str, ...]] = {
 }
 
 
+# Those flown over real UDP as well: without and with loss, and what needs real sockets or video.
+REAL_FAULTS = (
+    ("reboot", "fly"),
+    ("power_cut", "capture"),
+    ("loss=1.0", "fly"),
+    ("no_video", "fly"),
+    ("low_battery=12", "tune"),
+    ("gust=0.5@0+6", "fly"),
+    ("hold_all", "fly"),
+    ("land_all", "fly"),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Case:
     """One mission of the bench.
@@ -72,6 +85,17 @@ class Case:
         """A name for files and lines."""
         what = f"{self.fault}@{self.phase}" if self.fault else "plain"
         return f"{self.scene}-{self.seed}-loss{self.loss:g}-{what}"
+
+
+def real_cases(scenes: Sequence[str], seed: int) -> list[Case]:
+    """Return the missions that are flown over real UDP, one after the other."""
+    turn = cycle(scenes)
+    plain = [(loss, "", "") for loss in LOSSES]
+    wanted = [(0.0, fault, phase) for fault, phase in REAL_FAULTS]
+    return [
+        Case(next(turn), seed + 1 + number, loss, fault, phase, pictures=8)
+        for number, (loss, fault, phase) in enumerate([*plain, *wanted])
+    ]
 
 
 def cases(scenes: Sequence[str], seed: int, *, quick: bool = False) -> list[Case]:

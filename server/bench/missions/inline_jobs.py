@@ -56,17 +56,14 @@ class InlineJob:
 
 
 class InlineRunner:
-    """Runs planning jobs inside the process; a ``JobRunner``.
+    """Runs planning jobs inside the process; a ``JobRunner``."""
 
-    Attributes:
-        hangs: Whether the planner never answers.
-    """
-
-    def __init__(self) -> None:
-        self.hangs = False
+    def __init__(self, *, hangs: bool) -> None:
+        """Build it; a planner that ``hangs`` never answers."""
+        self._hangs = hangs
 
     async def submit(self, spec: JobSpec, folder: Path) -> InlineJob:
         """Return the job; it is run when its events are asked for."""
         if spec.kind != "plan":
             raise JobFailedError(f"no {spec.kind} jobs in virtual time")
-        return InlineJob(spec, self.hangs)
+        return InlineJob(spec, self._hangs)

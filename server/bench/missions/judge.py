@@ -1,5 +1,4 @@
-"""What really happened on a flight: distances, fence, ends. Truth comes in, figures go out.
-"""
+"""What really happened on a flight: distances, fence, ends. Truth comes in, figures go out."""
 
 from __future__ import annotations
 
@@ -19,6 +18,8 @@ COLLISION_M = 0.25
 # From its centre to the tip of a propeller, with a little air.
 OBJECT_COLLISION_M = 0.12
 _OFF_GROUND_M = 0.08
+# Enough for a point every few centimetres of the scenes' surfaces.
+SURFACE_POINTS = 4000
 
 
 @dataclass(frozen=True, slots=True)

@@ -154,9 +154,7 @@ def _outcome_from(kept: dict[str, Any]) -> Outcome:
     return Outcome(**(kept | {"reactions": reactions}))
 
 
-def virtual_cases(
-    scenes: Sequence[str], seed: int, *, faults: bool, quick: bool
-) -> list[Case]:
+def virtual_cases(scenes: Sequence[str], seed: int, *, faults: bool, quick: bool) -> list[Case]:
     """Return the missions in virtual time: all of them, or the plain ones alone."""
     wanted = cases(scenes, seed, quick=quick)
     return wanted if faults else [case for case in wanted if not case.fault]

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from server.bench.missions.cases import CONSOLE_FAULTS, Case
+from server.bench.missions.cases import Case
 from server.bench.missions.inline_jobs import InlineRunner
-from server.bench.missions.judge import Body, Judge
-from server.bench.missions.outcome import Outcome, Reaction
+from server.bench.missions.judge import SURFACE_POINTS, Body, Judge
+from server.bench.missions.outcome import Outcome
+from server.bench.missions.trouble import Trouble
 from server.bench.missions.virtual_sight import (
     FPS,
     SightErrors,
@@ -27,11 +28,10 @@ from server.bench.missions.virtual_sight import (
     VirtualEye,
     hull_points,
 )
-from server.mission.commands import CaptureRequest, RefusedError
+from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig, MissionConfig
 from server.mission.control import Control
 from server.mission.events import CaptureChanged, EventStream
-from server.mission.phases import Phase
 from server.planner.config import PlannerConfig
 from server.sim.air import AirLink
 from server.sim.config import SimConfig, fleet_config
@@ -46,10 +46,7 @@ from server.swarm.fleet import Fleet
 from server.vision.config import VisionConfig
 
 _JUDGE_S = 0.1
-_SURFACE_POINTS = 4000
 _DRONES = 4
-# An operator who has pressed HOLD looks for this long before re-arming and resuming.
-_LOOK_S = 8.0
 _LONGEST_FLIGHT_S = 900.0
 # What is in the air when the mission is over has this long to come down.
 _COME_DOWN_S = 40.0
@@ -67,7 +64,6 @@ class _VirtualFlight:
     def __init__(self, case: Case, runs: Path) -> None:
         self._case = case
         self._runs = runs
-        self._rng = np.random.default_rng([case.seed, 7])
         model = load_object(case.scene)
         faults = (parse_fault(f"loss={case.loss}"),) if case.loss > 0 else ()
         sim = SimConfig(scene=case.scene, drones=_DRONES, seed=case.seed, faults=faults)
@@ -76,11 +72,9 @@ class _VirtualFlight:
         self._cameras = {d: VirtualCamera(tello) for d, tello in self._tellos.items()}
         self._points = hull_points(np.asarray(model.vertices))
         self._safety = SafetyConfig()
-        surface = np.asarray(model.trimesh.sample(_SURFACE_POINTS, seed=case.seed), np.float64)
+        surface = np.asarray(model.trimesh.sample(SURFACE_POINTS, seed=case.seed), np.float64)
         self._judge = Judge(surface, self._safety)
-        self._runner = InlineRunner()
-        self._onset_s: float | None = None
-        self._onset = ""
+        self._runner = InlineRunner(hangs=case.fault == "planner_hangs")
         self._took_off_s: float | None = None
         self._down_s = 0.0
 
@@ -110,7 +104,8 @@ class _VirtualFlight:
             )
             await stack.enter_async_context(control)
             watch = asyncio.create_task(self._watch())
-            trouble = asyncio.create_task(self._make_trouble(control, fleet))
+            trouble = Trouble(self._case, control, fleet, self._inject)
+            happening = asyncio.create_task(trouble.happen())
             request = CaptureRequest(
                 pictures=self._case.pictures, train_seconds=0.0, seed=self._case.seed
             )
@@ -120,16 +115,19 @@ class _VirtualFlight:
                     record = await control.wait_for_capture(record.status.id)
             except TimeoutError:
                 record = control.capture(record.status.id)
-            trouble.cancel()
+            happening.cancel()
             await self._come_down(fleet)
             unsafe = self._ends_unsafely(fleet)
             watch.cancel()
-            await asyncio.gather(watch, trouble, return_exceptions=True)
-            reactions = self._reactions(fleet)
+            await asyncio.gather(watch, happening, return_exceptions=True)
             kept = control.run_folder(record.status.id)
         for link in links.values():
             link.end()
-        return self._outcome(record.status, kept, unsafe, reactions, time.perf_counter() - begun_s)
+        return self._outcome(record.status, kept, unsafe, trouble, time.perf_counter() - begun_s)
+
+    def _inject(self, fault: str, drone_id: str) -> None:
+        now_s = asyncio.get_running_loop().time()
+        self._tellos[drone_id].inject(parse_fault(fault), now_s)
 
     def _eye(self, drone: Drone) -> VirtualEye:
         camera = self._cameras[drone.config.id]
@@ -138,72 +136,6 @@ class _VirtualFlight:
         # What loses datagrams also loses boxes: the picture was there too late, or half.
         errors = SightErrors(drop_outs=0.1 + self._case.loss)
         return VirtualEye(drone, camera, self._points, errors, rng)
-
-    # -- trouble ------------------------------------------------------------------------------
-
-    async def _make_trouble(self, control: Control, fleet: Fleet) -> None:
-        """Wait for the phase and let the fault happen somewhere in it."""
-        case = self._case
-        if not case.fault:
-            return
-        if case.fault == "planner_hangs":
-            self._runner.hangs = True
-            return
-        if case.fault == "operator_gone":
-            present = asyncio.create_task(self._be_present(control))
-        else:
-            present = None
-        await self._phase_comes(control, case.phase)
-        await asyncio.sleep(float(self._rng.uniform(0.0, 2.0)))
-        victim = str(self._rng.choice(list(self._tellos)))
-        self._onset_s = asyncio.get_running_loop().time()
-        if case.fault in CONSOLE_FAULTS:
-            await self._act(control, fleet, victim, present)
-            return
-        self._onset = victim
-        self._tellos[victim].inject(parse_fault(f"{case.fault}"), self._onset_s)
-
-    async def _phase_comes(self, control: Control, phase: str) -> None:
-        """Wait for a phase; of the phases of each round, for that of the second round."""
-        wanted_round = 1 if phase in (Phase.FLY, Phase.TUNE, Phase.CAPTURE) else 0
-        while True:
-            status = control.captures()[0].status if control.captures() else None
-            if status is not None and status.phase == phase and status.round_index >= wanted_round:
-                return
-            await asyncio.sleep(0.05)
-
-    @staticmethod
-    async def _be_present(control: Control) -> None:
-        while True:
-            control.note_operator()
-            await asyncio.sleep(2.0)
-
-    async def _act(
-        self, control: Control, fleet: Fleet, victim: str, present: asyncio.Task[None] | None
-    ) -> None:
-        match self._case.fault:
-            case "hold_all" | "hold_one":
-                held = None if self._case.fault == "hold_all" else victim
-                fleet.hold(held)
-                await asyncio.sleep(_LOOK_S)
-                for drone in fleet.drones.values():
-                    drone.rearm()
-                try:
-                    await control.resume_capture(control.captures()[0].status.id)
-                except RefusedError:
-                    return  # It had nothing to pause.
-            case "land_all":
-                fleet.land()
-                await self._phase_comes(control, Phase.GROUNDED)
-                await asyncio.sleep(_LOOK_S)
-                await control.resume_capture(control.captures()[0].status.id)
-            case "land_one":
-                fleet.land(victim)
-            case "cut_one":
-                fleet.cut_motors(victim)
-            case "operator_gone":
-                assert present is not None
-                present.cancel()
 
     # -- truth --------------------------------------------------------------------------------
 
@@ -230,27 +162,12 @@ class _VirtualFlight:
             for d, tello in self._tellos.items()
         )
 
-    def _reactions(self, fleet: Fleet) -> list[Reaction]:
-        onset_s = self._onset_s
-        if onset_s is None:
-            return []
-        return [
-            Reaction(
-                round(1000.0 * (note.at_s - onset_s), 1),
-                note.drone_id,
-                note.fired.failsafe.event,
-                note.fired.failsafe.action,
-            )
-            for note in fleet.fired
-            if note.at_s >= onset_s
-        ]
-
     def _outcome(
         self,
         status: CaptureChanged,
         kept: Path,
         unsafe: bool,
-        reactions: list[Reaction],
+        trouble: Trouble,
         wall_s: float,
     ) -> Outcome:
         state = RunFolder(kept).state() or {}
@@ -274,8 +191,8 @@ class _VirtualFlight:
             fence_violations=judgement.fence_violations,
             worst_excess_m=round(judgement.worst_excess_m, 3),
             unsafe_end=unsafe,
-            onset=self._onset,
-            reactions=reactions,
+            onset=trouble.victim,
+            reactions=trouble.reactions(),
             dropped=state.get("dropped", {}),
         )
 
