@@ -96,12 +96,16 @@ class Photographer:
         deadline_s = loop.time() + self._config.picture_timeout_s
         drone, eye = self._fleet.drones[drone_id], self._eyes[drone_id]
         sequence = -1 if eye.sight is None else eye.sight.frame.sequence
+        begun_s = loop.time()
         while loop.time() < deadline_s:
             await asyncio.sleep(_POLL_S)
             sight, telemetry = eye.sight, drone.telemetry
             if sight is None or telemetry is None or sight.frame.sequence <= sequence:
                 continue
             sequence = sight.frame.sequence
+            if sight.frame.damaged:
+                # It is the radio: the next key picture may come through whole.
+                deadline_s = begun_s + self._config.whole_picture_timeout_s
             slow = np.linalg.norm(telemetry.velocity_m_s) <= self._config.still_m_s
             late = loop.time() > deadline_s - self._config.picture_timeout_s / 2.0
             # A drone that gusts never let rest gives a picture all the same, if an undamaged one.

@@ -26,6 +26,7 @@ class MissionConfig:
         centred_px: The box counts as centred when its centroid is this near the wanted place.
         still_m_s: A picture is taken below this speed.
         picture_timeout_s: How long a capture waits for an undamaged picture of a still drone.
+        whole_picture_timeout_s: How long instead while pictures come but data is missing in them.
         keyframe_m: A key frame is saved after each such move of a camera.
         keyframe_rad: Or after each such turn.
         grounded_timeout_s: How long a capture whose drones have all landed waits to be resumed.
@@ -44,6 +45,7 @@ class MissionConfig:
     centred_px: float = 40.0
     still_m_s: float = 0.15
     picture_timeout_s: float = 3.0
+    whole_picture_timeout_s: float = 10.0
     keyframe_m: float = 0.45
     keyframe_rad: float = 0.3
     grounded_timeout_s: float = 1800.0

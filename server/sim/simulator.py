@@ -100,7 +100,8 @@ async def run_simulator(
 
 async def _write_bodies(truth_file: Path, drones: Sequence[SimulatedDrone]) -> None:
     """Write where every drone truly is, ten times a second, beside the truth of the pictures."""
-    with Path(f"{truth_file}.bodies").open("a") as file:
+    path = Path(f"{truth_file}.bodies")
+    with path.open("a") as file:  # noqa: ASYNC230 - A line of a few hundred bytes.
         while True:
             bodies = {
                 drone.drone_id: {

@@ -11,7 +11,7 @@ Actions, the stronger one wins: ``hold`` hovers while the row fires, only slow e
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
@@ -194,10 +194,10 @@ class FailsafeTable:
         )
 
 
-def judge(readings: Readings, table: FailsafeTable) -> tuple[Fired, ...]:
-    """Return the rows that fire, the strongest action first."""
+def judge(readings: Readings, rows: Iterable[Failsafe]) -> tuple[Fired, ...]:
+    """Return those of a table's ``rows`` that fire, the strongest action first."""
     fired: list[Fired] = []
-    for row in table.rows():
+    for row in rows:
         value = getattr(readings, row.event)
         if value is None:
             continue

@@ -28,8 +28,11 @@ _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
 _MARGIN_MAX_M = 0.4
-# A coasting drone's speed and turn are not exactly those told.
+# A coasting drone is where it is believed to be to within this, and its speed and turn are those
+# told to within these factors: sticks are no speeds.
 _COAST_MARGIN_M = 0.25
+_SPEED_FACTOR = 1.1
+_TURN_FACTORS = np.array([0.85, 1.0, 1.15])
 # When, as shares of the coasting time, it must be inside the fence.
 _COAST_SHARES = np.linspace(0.0, 1.0, 9)[1:]
 # No wish is faster than this; far more would overflow when squared.
@@ -154,46 +157,45 @@ def limit_setpoint(
     speed = float(np.linalg.norm(velocity))
     if speed > config.max_speed_m_s:
         velocity = velocity * (config.max_speed_m_s / speed)
+    rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
+    rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
+    velocity = _coastable(pose.position_world, velocity, rate, config)
     fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
     limits = _limits(pose.position_world, target, fence_m, config)
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):
         for limit in limits:
             velocity = limit.apply(velocity)
-    rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
-    rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
-    place = pose.position_world[:2]
-    velocity[:2] = _coastable(place, velocity[:2], rate, config)
-    headroom_m = config.ceiling_m - _COAST_MARGIN_M - float(pose.position_world[2])
-    if headroom_m > 0.0:
-        velocity[2] = min(float(velocity[2]), headroom_m / config.coast_s)
     return Setpoint(turn.T @ velocity, rate)
 
 
-def _coastable(
-    position: Array, velocity: Array, yaw_rate: float, config: SafetyConfig
-) -> Array:
-    """Return ``velocity`` ``(2,)``, slowed until a drone that coasts with it stays inside.
+def _coastable(position: Array, velocity: Array, yaw_rate: float, config: SafetyConfig) -> Array:
+    """Return ``velocity`` ``(3,)``, slowed until a drone that coasts with it stays inside.
 
     Sticks are in the body's axes: whoever also turns flies a circle, not a line. A drone that goes
     round the object facing it is at full speed as safe as one that creeps straight on.
     """
     reach_m, coast_s = config.fence_radius_m - _COAST_MARGIN_M, config.coast_s
-    if np.hypot(position[0], position[1]) >= reach_m:
+    place, velocity = position[:2], velocity.copy()
+    headroom_m = config.ceiling_m - _COAST_MARGIN_M - float(position[2])
+    if headroom_m > 0.0:
+        velocity[2] = min(float(velocity[2]), headroom_m / coast_s)
+    if np.hypot(place[0], place[1]) >= reach_m:
         return velocity  # Out there the fence's own limit leads back.
-    angles = yaw_rate * coast_s * _COAST_SHARES
+    times_s = coast_s * _COAST_SHARES
+    angles = yaw_rate * times_s * _TURN_FACTORS[:, None]
     # Displacement per unit of velocity: the integral of the rotation over time.
-    along = coast_s * _COAST_SHARES * np.sinc(angles / np.pi)
-    aside = coast_s * _COAST_SHARES * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
-    moved = np.stack(
-        [along * velocity[0] - aside * velocity[1], aside * velocity[0] + along * velocity[1]]
-    )
-    # Largest share s of the way with |position + s moved| <= reach, at every moment.
+    along = _SPEED_FACTOR * times_s * np.sinc(angles / np.pi)
+    aside = _SPEED_FACTOR * times_s * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
+    x, y = velocity[0], velocity[1]
+    moved = np.stack([along * x - aside * y, aside * x + along * y]).reshape(2, -1)
+    # Largest share s of the way with |place + s moved| <= reach, at every moment.
     a = (moved**2).sum(axis=0)
-    half_b = position @ moved
-    c = float(position @ position) - reach_m**2
+    half_b = place @ moved
+    c = float(place @ place) - reach_m**2
     shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
-    return velocity * min(1.0, float(shares.min()))
+    velocity[:2] *= min(1.0, float(shares.min()))
+    return velocity
 
 
 def _limits(

@@ -29,6 +29,7 @@ class Sentry:
         self.fired: tuple[Fired, ...] = ()
         self.verdict: Verdict = FINE
         self._config = config
+        self._rows = config.failsafes.rows()
         self._last_fired_s: dict[Failsafe, float] = {}
         self._flight = FlightReadings()
         self._flown_s: float | None = None
@@ -70,7 +71,7 @@ class Sentry:
             operator_silence_s=operator_silence_s,
             mission_silence_s=None if self._flown_s is None else now_s - self._flown_s,
         )
-        self.fired = judge(readings, self._config.failsafes)
+        self.fired = judge(readings, self._rows)
         self.verdict = verdict_of(self.fired)
         begun = tuple(
             one

@@ -330,7 +330,7 @@ class PoseFilter:
         return CameraPose(self.drone_id, now_s, transform_from(R_world_cam, position), covariance)
 
     def velocity(self) -> Array:
-        """Return the believed velocity ``(3,)``, world m/s: as reported, less its believed error."""
+        """Return the believed velocity ``(3,)``, world m/s: the reported one less its error."""
         t = self._telemetry
         if t is None or _rests(t):
             return np.zeros(3)

@@ -32,7 +32,7 @@ WELL = Readings(
 
 
 def strongest(readings: Readings) -> str:
-    fired = judge(readings, TABLE)
+    fired = judge(readings, TABLE.rows())
     return fired[0].failsafe.action if fired else "none"
 
 
@@ -41,8 +41,8 @@ def test_the_table_watches_every_reading() -> None:
 
 
 def test_nothing_fires_for_a_drone_that_is_well() -> None:
-    assert judge(WELL, TABLE) == ()
-    assert judge(Readings(), TABLE) == ()
+    assert judge(WELL, TABLE.rows()) == ()
+    assert judge(Readings(), TABLE.rows()) == ()
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_what_is_not_a_number_is_not_well(event: str) -> None:
 def test_rows_fire_exactly_past_their_threshold_strongest_first(
     values: dict[str, float | None],
 ) -> None:
-    fired = judge(Readings(**values), TABLE)
+    fired = judge(Readings(**values), TABLE.rows())
     ranks = [RANK[one.failsafe.action] for one in fired]
     assert ranks == sorted(ranks, reverse=True)
     expected = set()
@@ -93,7 +93,7 @@ def test_rows_fire_exactly_past_their_threshold_strongest_first(
 
 
 def test_what_fired_is_told_with_its_value() -> None:
-    (fired,) = judge(replace(WELL, separation_m=0.42), TABLE)
+    (fired,) = judge(replace(WELL, separation_m=0.42), TABLE.rows())
     assert fired.value == 0.42
     assert fired.text == "another drone 0.42 m away"
 
@@ -119,4 +119,4 @@ def test_a_table_that_is_no_table_is_refused(
 
 def test_an_event_may_be_switched_off() -> None:
     table = replace(TABLE, operator_silence_s={})
-    assert judge(replace(WELL, operator_silence_s=1e6), table) == ()
+    assert judge(replace(WELL, operator_silence_s=1e6), table.rows()) == ()

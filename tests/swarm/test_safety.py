@@ -222,7 +222,7 @@ def test_past_a_limit_the_drone_is_driven_back() -> None:
 
 
 def test_a_harmless_setpoint_passes_unchanged() -> None:
-    wish = Setpoint(np.array([0.2, -0.1, 0.1]), 0.4)
+    wish = Setpoint(np.array([0.2, -0.1, 0.08]), 0.4)
     after = limit_setpoint(wish, pose_at(2.0, 0.0, 1.2, 0.7), TARGET, CONFIG)
     np.testing.assert_allclose(after.velocity_m_s, wish.velocity_m_s)
     assert after.yaw_rate_rad_s == wish.yaw_rate_rad_s

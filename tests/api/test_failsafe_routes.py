@@ -55,7 +55,7 @@ async def test_the_failsafe_table_names_direction_unit_and_meaning(console: Cons
     for row in rows:
         # The direction is the one in which the table really fires.
         beyond = row["threshold"] + (-0.01 if row["direction"] == "at_most" else 0.01)
-        fired = judge(Readings(**{row["event"]: beyond}), FailsafeTable())
+        fired = judge(Readings(**{row["event"]: beyond}), FailsafeTable().rows())
         assert row["action"] in [one.failsafe.action for one in fired]
         assert row["unit"]
         assert row["description"].endswith(".")
