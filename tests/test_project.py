@@ -20,6 +20,7 @@ from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.pose_config import PoseConfig
 from server.settings import Settings
 from server.swarm.config import SafetyConfig
+from server.swarm.failsafes import FailsafeTable
 from server.swarm.fleet_file import load_fleet
 from server.terminal import OneLineParser
 
@@ -233,7 +234,22 @@ def test_the_variables_told_of_are_settings() -> None:
 
 def test_the_table_of_limits_is_the_one_that_flies() -> None:
     text = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
-    rows = re.findall(r"\| `safety\.(\w+)` \| ([\d.]+) ", text)
-    assert {name for name, _ in rows} == {item.name for item in fields(SafetyConfig)}
-    for name, value in rows:
-        assert float(value) == getattr(SafetyConfig(), name), name
+    rows = re.findall(r"^\|[^|\n]+\| `safety\.(\w+)` \| ([\d.]+) [^|\n]+\|$", text, re.MULTILINE)
+    told = {name: float(value) for name, value in rows}
+    assert len(told) == len(rows), "a limit is told twice"
+    limits = {item.name for item in fields(SafetyConfig)} - {"failsafes"}
+    assert told == {name: getattr(SafetyConfig(), name) for name in limits}
+
+
+def test_the_table_of_failsafes_is_the_one_that_flies() -> None:
+    text = (ROOT / "docs/safety.md").read_text(encoding="utf-8")
+    head = re.findall(r"^\| event \| setting \|(.+)\|$", text, re.MULTILINE)
+    assert len(head) == 1
+    actions = [cell.strip() for cell in head[0].split("|")]
+    rows = re.findall(r"^\|[^|\n]+\| `safety\.failsafes\.(\w+)` \|(.+)\|$", text, re.MULTILINE)
+    told: set[tuple[str, str, float]] = set()
+    for event, cells in rows:
+        thresholds = zip(actions, cells.split("|"), strict=True)
+        told |= {(event, action, float(cell)) for action, cell in thresholds if cell.strip()}
+    assert len(rows) == len(fields(FailsafeTable)), "each event has one row"
+    assert told == {(row.event, row.action, row.threshold) for row in FailsafeTable().rows()}

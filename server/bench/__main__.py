@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
-import os
 import sys
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from server.bench import nerf
 from server.bench.conditions import conditions
+from server.bench.options import Figures, Options
 from server.sim.meshes import SceneError
 from server.sim.scenes.catalogue import SCENES, load_object
 
-_BENCHES = {"nerf": nerf.measure}
+# By name, so that a bench loads only what it measures.
+_BENCHES = {"nerf": "server.bench.nerf", "mission": "server.bench.missions.measure"}
 
 
 def main() -> int:
@@ -30,52 +28,46 @@ def main() -> int:
         help="a scene's name or a .glb or .obj file; repeat for several (default: all four scenes)",
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="at most 12 minutes: two scenes")
+    parser.add_argument("--quick", action="store_true", help="at most 12 minutes: less of each")
+    parser.add_argument(
+        "--faults",
+        action="store_true",
+        help="mission: everything that can go wrong, in each phase (else plain missions)",
+    )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--json", action="store_true", help="print one JSON object on one line")
     arguments = parser.parse_args()
     if arguments.resume and arguments.out is None:
         parser.error("--resume needs --out")
-    scenes = arguments.scene or (["robot_dog", "recycle_bin"] if arguments.quick else list(SCENES))
+    if arguments.faults and arguments.name != "mission":
+        parser.error("--faults is for the bench mission")
+    bench = importlib.import_module(_BENCHES[arguments.name])
+    options = Options(
+        scenes=tuple(arguments.scene or (bench.QUICK_SCENES if arguments.quick else SCENES)),
+        seed=arguments.seed,
+        quick=arguments.quick,
+        faults=arguments.faults,
+        out=arguments.out,
+        resume=arguments.resume,
+    )
     try:
-        for scene in scenes:
+        for scene in options.scenes:
             load_object(scene)
     except SceneError as error:
         print(f"dronerf bench: {error}", file=sys.stderr)
         return 2
-    threads = os.cpu_count() or 1
-    parts: dict[str, dict[str, Any]] = {}
-    for scene in scenes:
-        kept = None
-        if arguments.out is not None:
-            arguments.out.mkdir(parents=True, exist_ok=True)
-            kept = arguments.out / f"{arguments.name}-{Path(scene).stem}-{arguments.seed}.json"
-        if arguments.resume and kept is not None and kept.exists():
-            parts[scene] = json.loads(kept.read_text())
-            continue
-        print(f"{arguments.name}: {scene}", file=sys.stderr, flush=True)
-        parts[scene] = _BENCHES[arguments.name](scene, arguments.seed, threads, arguments.out)
-        if kept is not None:
-            kept.write_text(json.dumps(parts[scene], indent=1))
+    figures: Figures = bench.run(options)
     result = {
         "bench": arguments.name,
-        "conditions": conditions(arguments.seed, quick=arguments.quick, threads=threads),
-        "scenes": parts,
-        "overall": _overall(parts),
+        "conditions": conditions(
+            options.seed, quick=options.quick, faults=options.faults, threads=options.threads
+        ),
+        "scenes": figures.scenes,
+        "overall": figures.overall,
     }
     print(json.dumps(result) if arguments.json else json.dumps(result, indent=2))
     return 0
-
-
-def _overall(parts: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Return the mean of every key over scenes; the peak's largest."""
-    keys = next(iter(parts.values())).keys()
-    overall = {
-        key: round(float(np.mean([part[key] for part in parts.values()])), 3) for key in keys
-    }
-    overall["peak_memory_mb"] = max(part["peak_memory_mb"] for part in parts.values())
-    return overall
 
 
 if __name__ == "__main__":

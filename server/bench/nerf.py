@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.bench.options import Figures, Options, each_scene
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
@@ -29,10 +30,26 @@ from server.sim.world import World
 
 Array = NDArray[np.float64]
 
+QUICK_SCENES = ("robot_dog", "recycle_bin")
 _SIDE_PX = 400
 _TRAINING_VIEWS, _HELD_OUT_VIEWS, _FEW_VIEWS = 24, 20, 8
 _MARKS_S = (10.0, 30.0, 60.0)
 _REFERENCE_STEPS = 2
+
+
+def run(options: Options) -> Figures:
+    """Return the figures of every scene, their means, and the largest peak of memory."""
+    parts = each_scene(
+        "nerf",
+        options,
+        lambda scene: measure(scene, options.seed, options.threads, options.out),
+    )
+    keys = next(iter(parts.values())).keys()
+    overall = {
+        key: round(float(np.mean([part[key] for part in parts.values()])), 3) for key in keys
+    }
+    overall["peak_memory_mb"] = max(part["peak_memory_mb"] for part in parts.values())
+    return Figures(parts, overall)
 
 
 def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, Any]:

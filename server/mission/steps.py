@@ -10,17 +10,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from server.jobs.runner import JobFailedError
 from server.mission.capture import Photographer
-from server.mission.checklist import check_disk, check_drone, overridden, problems
+from server.mission.checklist import Check, check_disk, check_drone, overridden, problems
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.events import EventStream, Noted, SeedFitted
+from server.mission.events import EventStream, Level, Noted, SeedFitted
 from server.mission.eyes import Eye
 from server.mission.landing import landing_places
 from server.mission.phases import Phase
@@ -123,22 +122,20 @@ class Steps:
             self._note("warning", f"Checklist item {key} overridden: {reason}")
         self._state.crew[:] = ready
 
-    def _checks(self) -> list[Any]:
+    def _checks(self) -> list[Check]:
         now_s = asyncio.get_running_loop().time()
         drones = (self._tools.fleet.drones[d] for d in self._state.drones)
         checks = [c for d in drones for c in check_drone(d, now_s, self._tools.config.safety)]
-        return [*checks, check_disk(Path(self._tools.run.path))]
+        return [*checks, check_disk(self._tools.run.path)]
 
-    def _problems(self) -> list[Any]:
+    def _problems(self) -> list[Check]:
         return problems(self._checks(), self._request.overrides)
 
     async def _take_off(self) -> None:
         crew = list(self._state.crew)
         for drone_id in crew:
             self._tools.pilot.place_at_start(drone_id)
-        overriding = frozenset(
-            name for key in self._tools.recorder.overrides for name in (key.rpartition(".")[2],)
-        )
+        overriding = frozenset(key.rpartition(".")[2] for key in self._tools.recorder.overrides)
         results = await asyncio.gather(
             *(self._tools.fleet.drones[d].take_off(overriding) for d in crew),
             return_exceptions=True,
@@ -380,5 +377,5 @@ class Steps:
             await asyncio.sleep(_POLL_S)
         return True
 
-    def _note(self, level: Any, text: str, drone_id: str | None = None) -> None:
+    def _note(self, level: Level, text: str, drone_id: str | None = None) -> None:
         self._tools.events.publish(Noted(level, text, drone_id))

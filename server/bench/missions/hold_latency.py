@@ -38,6 +38,11 @@ from server.sim.tello import Outgoing, Sender, Tello
 _FPS = 10.0
 _START_S = 60.0
 _LATEST_S = 5.0
+# The drones hover before pictures of no object: not seeing it must not land them here.
+_WITHOUT_OBJECT = {
+    "DRONERF_SAFETY__FAILSAFES__OBJECT_AGE_S": "{}",
+    "DRONERF_SAFETY__FAILSAFES__POSE_SIGMA_M": "{}",
+}
 
 
 class _HoldHearing(Tello):
@@ -137,7 +142,7 @@ async def _console(config: SimConfig, folder: Path) -> AsyncIterator[httpx.Async
         "0",
         "--runs",
         str(folder / "runs"),
-        env=os.environ | {"DRONERF_TOKEN": token},
+        env=os.environ | {"DRONERF_TOKEN": token} | _WITHOUT_OBJECT,
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
     )
@@ -197,7 +202,7 @@ def _coded_pictures() -> list[list[bytes]]:
     for number in range(10):
         picture = floor.copy()
         cv2.circle(picture, (400 + 12 * number, 380), 130, (40, 40, 220), -1)
-        coded.append(encoder.encode(picture, number / _FPS, key=number == 0))
+        coded.append(encoder.encode(np.asarray(picture, np.uint8), number / _FPS, key=number == 0))
     return coded
 
 

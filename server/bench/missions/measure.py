@@ -10,17 +10,51 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from server.bench.missions.cases import Case, cases
+from server.bench.missions.cases import Case, cases, real_cases
+from server.bench.missions.hold_latency import measure_hold
 from server.bench.missions.outcome import Outcome, Reaction
+from server.bench.missions.real_flight import fly_over_udp
 from server.bench.missions.virtual_flight import fly_in_virtual_time
+from server.bench.options import Figures, Options, each_scene
 
+QUICK_SCENES = ("robot_dog", "recycle_bin")
 _KEPT = "missions.jsonl"
+_PRESSES = 500
+_QUICK_REAL = 2
+
+
+def run(options: Options) -> Figures:
+    """Fly the missions in virtual time, then those over UDP, then press HOLD.
+
+    The parts follow one another: those in real time need the machine to themselves.
+    """
+    log = Log(options.out, resume=options.resume)
+    wanted = cases(options.scenes, options.seed, quick=options.quick)
+    fly_virtual([c for c in wanted if options.faults or not c.fault], log, options.threads)
+    real = real_cases(options.scenes, options.seed)
+    if options.quick:
+        real = real[:_QUICK_REAL]
+    fly_real([c for c in real if options.faults or not c.fault], log)
+    hold_ms = each_scene("hold", _hold_only(options), lambda _: measure_hold(_PRESSES))["press"]
+    by_scene: dict[str, list[Outcome]] = defaultdict(list)
+    for outcome in log.outcomes.values():
+        by_scene[outcome.scene].append(outcome)
+    pressed = {"hold_ms_p99": hold_ms["p99"], "hold_ms": hold_ms}
+    return Figures(
+        scenes={scene: summary(flown) | pressed for scene, flown in by_scene.items()},
+        overall=summary(log.outcomes.values()) | pressed,
+    )
+
+
+def _hold_only(options: Options) -> Options:
+    # Presses know no scene; their figures are kept like those of one.
+    return replace(options, scenes=("press",))
 
 
 class Log:
@@ -71,6 +105,17 @@ def fly_virtual(wanted: Sequence[Case], log: Log, processes: int) -> None:
                 file=sys.stderr,
                 flush=True,
             )
+
+
+def fly_real(wanted: Sequence[Case], log: Log) -> None:
+    """Fly cases over UDP in real time, one after the other; finished ones are skipped."""
+    for case in wanted:
+        if log.has(case.name, real_udp=True):
+            continue
+        outcome = fly_over_udp(case)
+        log.add(outcome)
+        text = f"{outcome.name} over UDP: {outcome.state}, {outcome.images} pictures"
+        print(text, file=sys.stderr, flush=True)
 
 
 def _quiet() -> None:
@@ -152,9 +197,3 @@ def _key(outcome: Outcome) -> str:
 def _outcome_from(kept: dict[str, Any]) -> Outcome:
     reactions: Any = [Reaction(**one) for one in kept["reactions"]]
     return Outcome(**(kept | {"reactions": reactions}))
-
-
-def virtual_cases(scenes: Sequence[str], seed: int, *, faults: bool, quick: bool) -> list[Case]:
-    """Return the missions in virtual time: all of them, or the plain ones alone."""
-    wanted = cases(scenes, seed, quick=quick)
-    return wanted if faults else [case for case in wanted if not case.fault]

@@ -1,0 +1,70 @@
+"""What every bench is asked, and how its finished parts are kept."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What is to be measured.
+
+    Attributes:
+        scenes: Scenes' names or files.
+        seed: Seed of everything random.
+        quick: Whether to be done within 12 minutes.
+        faults: For missions: whether something shall go wrong in them.
+        out: Folder for pictures and finished parts, None for none.
+        resume: Whether to go on from the parts in ``out``.
+    """
+
+    scenes: tuple[str, ...]
+    seed: int
+    quick: bool
+    faults: bool
+    out: Path | None
+    resume: bool
+
+    @property
+    def threads(self) -> int:
+        """Threads to compute with: all the machine has."""
+        return os.cpu_count() or 1
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What was measured.
+
+    Attributes:
+        scenes: The figures of each scene.
+        overall: Over all scenes.
+    """
+
+    scenes: dict[str, dict[str, Any]]
+    overall: dict[str, Any]
+
+
+def each_scene(
+    name: str, options: Options, measure: Callable[[str], dict[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return ``measure(scene)`` of every scene; parts kept in ``out`` are not measured again."""
+    parts: dict[str, dict[str, Any]] = {}
+    for scene in options.scenes:
+        kept = None
+        if options.out is not None:
+            options.out.mkdir(parents=True, exist_ok=True)
+            kept = options.out / f"{name}-{Path(scene).stem}-{options.seed}.json"
+        if options.resume and kept is not None and kept.exists():
+            parts[scene] = json.loads(kept.read_text())
+            continue
+        print(f"{name}: {scene}", file=sys.stderr, flush=True)
+        parts[scene] = measure(scene)
+        if kept is not None:
+            kept.write_text(json.dumps(parts[scene], indent=1))
+    return parts
