@@ -11,9 +11,9 @@ import os
 import secrets
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from pydantic import Field, SecretStr, ValidationError
 from pydantic_settings import (
@@ -26,6 +26,7 @@ from pydantic_settings import SettingsError as SettingsSourceError
 
 from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
+from server.planner.margins import space_within
 from server.swarm.config import SafetyConfig
 from server.vision.config import VisionConfig
 
@@ -86,8 +87,18 @@ class Settings(BaseSettings):
         Raises:
             SettingsError: If they do not fit together.
         """
+        safety = self.safety
         try:
-            return FlightConfig(self.mission, self.planner, self.vision, self.safety)
+            # The planner's room follows the safety limits; whoever narrows those need not know it.
+            space = space_within(
+                self.planner.space,
+                fence_radius_m=safety.fence_radius_m,
+                floor_m=safety.floor_m,
+                ceiling_m=safety.ceiling_m,
+                standoff_m=safety.standoff_m,
+            )
+            planner = replace(self.planner, space=space)
+            return FlightConfig(self.mission, planner, self.vision, safety)
         except ValueError as error:
             raise SettingsError(str(error)) from error
 
@@ -123,7 +134,7 @@ def load_settings(**overrides: object) -> Settings:
     given = {key: value for key, value in overrides.items() if value is not None}
     try:
         _refuse_unknown_names(Path(path) if path else None)
-        return Settings(**given)  # pyright: ignore[reportArgumentType]
+        settings = Settings(**given)  # pyright: ignore[reportArgumentType]
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
@@ -133,6 +144,8 @@ def load_settings(**overrides: object) -> Settings:
         raise SettingsError(f"{path} is not valid TOML: {error}") from error
     except SettingsSourceError as error:
         raise SettingsError(f"environment: {error}") from error
+    settings.flight()  # What does not fit together is told before anything starts.
+    return settings
 
 
 def _refuse_unknown_names(file: Path | None) -> None:
@@ -162,6 +175,15 @@ def _is_setting(names: Sequence[str]) -> bool:
     for name in names:
         if name not in known:
             return False
-        kind = known[name]
-        known = get_type_hints(kind) if is_dataclass(kind) else {}
+        known = _parts(known[name])
     return True
+
+
+def _parts(kind: Any) -> Mapping[str, Any]:
+    """Return the settings inside a setting: a config's fields, or the known keys of a table."""
+    if is_dataclass(kind):
+        return get_type_hints(kind)
+    if get_origin(kind) is Mapping:
+        keys, values = get_args(kind)
+        return dict.fromkeys(get_args(keys), values)
+    return {}

@@ -267,6 +267,10 @@ def test_bad_settings(folder: Path, environment: dict[str, str], says: str) -> N
         ("[safety]\nfence = 3\n", "safety.fence"),
         ("[planner.fitness]\nweight = 1\n", "planner.fitness.weight"),
         ("[mission]\narrive_m = 'near'\n", "arrive_m"),
+        ("[safety.failsafes]\nbattery_pct = { lnd = 18 }\n", "safety.failsafes.battery_pct.lnd"),
+        ("[safety.failsafes]\nbattery_pct = {}\n", "failsafes.battery_pct must land"),
+        ("[safety]\nfence_radius_m = 0.4\n", "fence_radius_m"),
+        ("[planner.tracking]\ntravel_speed_m_s = 0.9\n", "travel_speed_m_s is 0.9 m/s"),
     ],
 )
 def test_a_bad_settings_file(folder: Path, text: str, says: str) -> None:
@@ -277,7 +281,10 @@ def test_a_bad_settings_file(folder: Path, text: str, says: str) -> None:
 
 def test_good_settings_are_taken(folder: Path) -> None:
     file = folder.parent / "console.toml"
-    file.write_text("[safety]\nfence_radius_m = 3.5\n[planner.tracking.roll]\np = 0.5\n")
+    file.write_text(
+        "[safety]\nfence_radius_m = 3.5\n[planner.tracking.roll]\np = 0.5\n"
+        "[safety.failsafes]\nbattery_pct = { land = 18 }\nobject_age_s = {}\n"
+    )
     line = refused(
         folder,
         "serve",

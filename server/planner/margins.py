@@ -2,7 +2,43 @@
 
 from __future__ import annotations
 
-from server.planner.config import PlannerConfig
+from dataclasses import replace
+
+from server.planner.config import FlightSpace, PlannerConfig
+
+# What a believed pose may be wrong by, and what a drone needs to stop in.
+_ROOM_M = 0.5
+_ROOM_TO_FLOOR_M = 0.2
+_ROOM_TO_OBJECT_M = 0.3
+
+
+def space_within(
+    space: FlightSpace,
+    *,
+    fence_radius_m: float,
+    floor_m: float,
+    ceiling_m: float,
+    standoff_m: float,
+) -> FlightSpace:
+    """Return ``space`` drawn in so far that it lies inside the safety limits with room to spare.
+
+    Args:
+        space: The room as configured.
+        fence_radius_m: Safety limit of the distance from the world's z axis.
+        floor_m: Safety limit of the height, below.
+        ceiling_m: Safety limit of the height, above.
+        standoff_m: Safety limit of the distance to the object's box.
+
+    Raises:
+        ValueError: If no room is left.
+    """
+    return replace(
+        space,
+        fence_radius_m=min(space.fence_radius_m, fence_radius_m - _ROOM_M),
+        floor_m=max(space.floor_m, floor_m + _ROOM_TO_FLOOR_M),
+        ceiling_m=min(space.ceiling_m, ceiling_m - _ROOM_M),
+        standoff_m=max(space.standoff_m, standoff_m + _ROOM_TO_OBJECT_M),
+    )
 
 
 def margin_fault(

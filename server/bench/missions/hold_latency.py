@@ -39,10 +39,7 @@ _FPS = 10.0
 _START_S = 60.0
 _LATEST_S = 5.0
 # The drones hover before pictures of no object: not seeing it must not land them here.
-_WITHOUT_OBJECT = {
-    "DRONERF_SAFETY__FAILSAFES__OBJECT_AGE_S": "{}",
-    "DRONERF_SAFETY__FAILSAFES__POSE_SIGMA_M": "{}",
-}
+_WITHOUT_OBJECT = "[safety.failsafes]\nobject_age_s = {}\npose_sigma_m = {}\n"
 
 
 class _HoldHearing(Tello):
@@ -129,6 +126,8 @@ async def _console(config: SimConfig, folder: Path) -> AsyncIterator[httpx.Async
             for d in fleet_config(config).drones
         )
     )
+    settings = folder / "settings.toml"
+    settings.write_text(_WITHOUT_OBJECT)
     token = secrets.token_urlsafe(16)
     process = await asyncio.create_subprocess_exec(
         sys.executable,
@@ -142,7 +141,7 @@ async def _console(config: SimConfig, folder: Path) -> AsyncIterator[httpx.Async
         "0",
         "--runs",
         str(folder / "runs"),
-        env=os.environ | {"DRONERF_TOKEN": token} | _WITHOUT_OBJECT,
+        env=os.environ | {"DRONERF_TOKEN": token, "DRONERF_CONFIG": str(settings)},
         stderr=asyncio.subprocess.PIPE,
         start_new_session=True,
     )
