@@ -7,6 +7,7 @@ written with two underscores: ``DRONERF_MISSION__CONTROL_RATE_HZ=10``. No algori
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import tomllib
@@ -154,11 +155,25 @@ def _refuse_unknown_names(file: Path | None) -> None:
         for names in _leaves(tomllib.loads(file.read_text(encoding="utf-8"))):
             if not _is_setting(names):
                 raise SettingsError(f"{file}: unknown setting {'.'.join(names)}")
-    for variable in os.environ:
+    for variable, value in os.environ.items():
+        if not variable.startswith("DRONERF_"):
+            continue
         names = tuple(variable.removeprefix("DRONERF_").lower().split("__"))
         # Without an underscore pair it may belong to somebody else, as DRONERF_CONFIG does.
-        if variable.startswith("DRONERF_") and len(names) > 1 and not _is_setting(names):
+        if len(names) > 1 and not _is_setting(names):
             raise SettingsError(f"unknown setting {variable}")
+        for inside in _leaves_of_json(value) if names[0] in Settings.model_fields else ():
+            if not _is_setting((*names, *inside)):
+                raise SettingsError(f"unknown setting {'.'.join(inside)} in {variable}")
+
+
+def _leaves_of_json(value: str) -> list[tuple[str, ...]]:
+    """Return the names inside a whole group that is given as JSON."""
+    try:
+        table = json.loads(value)
+    except json.JSONDecodeError:
+        return []
+    return list(_leaves(table)) if isinstance(table, dict) else []
 
 
 def _leaves(table: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

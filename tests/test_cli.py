@@ -254,6 +254,8 @@ def test_a_missing_fleet_file(folder: Path) -> None:
         ({"DRONERF_TOKEN": "with space in it"}, "token"),
         ({"DRONERF_TOKEN_FILE": "none.txt"}, "none.txt"),
         ({"DRONERF_RUNS": "/dev/null/runs"}, "/dev/null"),
+        ({"DRONERF_SAFETY": '{"failsafes": {"batery_pct": {"land": 18}}}'}, "failsafes.batery_pct"),
+        ({"DRONERF_SAFETY__FAILSAFES__BATTERY_PCT__LND": "18"}, "BATTERY_PCT__LND"),
     ],
 )
 def test_bad_settings(folder: Path, environment: dict[str, str], says: str) -> None:

@@ -34,20 +34,28 @@ def main() -> int:
         action="store_true",
         help="mission: everything that can go wrong, in each phase (else plain missions)",
     )
+    parser.add_argument(
+        "--only",
+        default="",
+        metavar="TEXT",
+        help="mission: fly only those in virtual time whose name holds TEXT, and tell all of each;"
+        " with the seed of the run that named it, a mission repeats exactly",
+    )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
     parser.add_argument("--json", action="store_true", help="print one JSON object on one line")
     arguments = parser.parse_args()
     if arguments.resume and arguments.out is None:
         parser.error("--resume needs --out")
-    if arguments.faults and arguments.name != "mission":
-        parser.error("--faults is for the bench mission")
+    if (arguments.faults or arguments.only) and arguments.name != "mission":
+        parser.error("--faults and --only are for the bench mission")
     bench = importlib.import_module(_BENCHES[arguments.name])
     options = Options(
         scenes=tuple(arguments.scene or (bench.QUICK_SCENES if arguments.quick else SCENES)),
         seed=arguments.seed,
         quick=arguments.quick,
         faults=arguments.faults,
+        only=arguments.only,
         out=arguments.out,
         resume=arguments.resume,
     )

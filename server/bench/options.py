@@ -20,6 +20,7 @@ class Options:
         seed: Seed of everything random.
         quick: Whether to be done within 12 minutes.
         faults: For missions: whether something shall go wrong in them.
+        only: For missions: fly those alone whose name holds this, empty for all.
         out: Folder for pictures and finished parts, None for none.
         resume: Whether to go on from the parts in ``out``.
     """
@@ -28,6 +29,7 @@ class Options:
     seed: int
     quick: bool
     faults: bool
+    only: str
     out: Path | None
     resume: bool
 

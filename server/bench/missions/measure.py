@@ -36,6 +36,8 @@ def run(options: Options) -> Figures:
     """
     log = Log(options.out, resume=options.resume)
     wanted = cases(options.scenes, options.seed, quick=options.quick)
+    if options.only:
+        return _replay([case for case in wanted if options.only in case.name])
     fly_virtual([c for c in wanted if options.faults or not c.fault], log, options.threads)
     real = real_cases(options.scenes, options.seed)
     if options.quick:
@@ -50,6 +52,12 @@ def run(options: Options) -> Figures:
         scenes={scene: summary(flown) | pressed for scene, flown in by_scene.items()},
         overall=summary(log.outcomes.values()) | pressed,
     )
+
+
+def _replay(wanted: Sequence[Case]) -> Figures:
+    """Fly a few cases in this process and tell all of each; what the console logs is seen."""
+    flown = [fly_in_virtual_time(case) for case in wanted]
+    return Figures({outcome.name: asdict(outcome) for outcome in flown}, summary(flown))
 
 
 def _hold_only(options: Options) -> Options:

@@ -111,6 +111,8 @@ export const en = {
       standoff_m: "Near the object",
       separation_m: "Near another drone",
       pose_sigma_m: "Position uncertain",
+      object_age_s: "Object not seen",
+      velocity_age_s: "Does not feel itself move",
       operator_silence_s: "Operator silent",
       mission_silence_s: "Nobody flies it",
     },
