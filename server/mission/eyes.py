@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 from server.mission.events import EventStream, FrameAnnotated
@@ -17,10 +17,6 @@ from server.swarm.drone import Drone
 from server.vision.annotate import annotate
 from server.vision.config import VisionConfig
 from server.vision.region import RegionPrior, RegionTracker
-
-# After a lost datagram a picture is smeared in places: what is found in it counts less.
-_DAMAGED_SHARE = 0.7
-_WHOLE_SUFFICES_S = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +67,6 @@ class CameraEye:
         self._events = events
         self._threads = threads
         self._expected: RegionPrior | None = None
-        self._whole_s = float("-inf")
 
     def expect(self, prior: RegionPrior | None) -> None:
         """Say where the object should be in the next pictures."""
@@ -93,18 +88,9 @@ class CameraEye:
             )
             self._events.publish(self.annotated)
 
-    def _is_worth_a_look(self, frame: Frame) -> bool:
-        """Return whether to search a frame: a damaged one only while no whole one comes."""
-        if not frame.damaged:
-            self._whole_s = frame.captured_s
-        return not frame.damaged or frame.captured_s - self._whole_s > _WHOLE_SUFFICES_S
-
     def _look(self, frame: Frame, expected: RegionPrior | None) -> tuple[Sight, bytes]:
-        found = self._tracker.update(frame, expected) if self._is_worth_a_look(frame) else None
+        # What is found in a smeared picture is wrong too often to fly by: drones left the fence.
+        found = None if frame.damaged else self._tracker.update(frame, expected)
         region, box = found if found is not None else (None, None)
-        if frame.damaged and region is not None and box is not None:
-            confidence = _DAMAGED_SHARE * box.confidence
-            region = replace(region, confidence=confidence)
-            box = replace(box, confidence=confidence)
         jpeg = annotate(frame, region, box, self._drone.config.label, self._drone.config.colour)
         return Sight(frame, region, box), jpeg
