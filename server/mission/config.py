@@ -45,7 +45,7 @@ class MissionConfig:
     centred_px: float = 40.0
     still_m_s: float = 0.15
     picture_timeout_s: float = 3.0
-    whole_picture_timeout_s: float = 10.0
+    whole_picture_timeout_s: float = 15.0
     keyframe_m: float = 0.45
     keyframe_rad: float = 0.3
     grounded_timeout_s: float = 1800.0

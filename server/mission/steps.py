@@ -181,7 +181,7 @@ class Steps:
                 self._tools.pilot.centre(drone_id, start_rad + turn * _QUARTER_TURN)
             if turn > 0:
                 await self._until(self._all_centred, self._config.fly_timeout_s)
-            self._add_views()
+            await self._add_views()
         deadline_s = asyncio.get_running_loop().time() + self._config.centre_timeout_s
         while True:
             try:
@@ -190,8 +190,7 @@ class Steps:
                 if asyncio.get_running_loop().time() > deadline_s:
                     raise StepFailedError(f"the object was not found: {error}") from error
                 # A picture more of each may show what these did not.
-                await asyncio.sleep(0.5)
-                self._add_views()
+                await self._add_views()
             else:
                 return
 
@@ -241,7 +240,6 @@ class Steps:
         for drone_id in missed:
             text = f"Round {state.progress.round_index + 1}: no clean picture."
             self._note("warning", text, drone_id)
-        self._add_views()
         training = self._request.train_seconds > 0
         if training and photographer.taken >= min(4, self._request.pictures):
             await self._tools.reconstruction.start()
@@ -324,15 +322,26 @@ class Steps:
 
     # -- parts --------------------------------------------------------------------------------
 
-    def _add_views(self) -> None:
-        """Keep what every drone sees now for the seed geometry."""
-        for drone_id in self._state.crew:
-            sight = self._tools.eyes[drone_id].sight
-            if sight is None or sight.region is None or sight.box is None:
-                continue
-            pose = self._tools.pilot.pose(drone_id)
-            intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
-            self._state.views.append(View(pose, intrinsics, sight.box, sight.region))
+    async def _add_views(self) -> None:
+        """Keep the next view of every drone for the seed geometry."""
+        await asyncio.gather(*(self._add_view(drone_id) for drone_id in self._state.crew))
+
+    async def _add_view(self, drone_id: str) -> None:
+        """Wait for a picture that shows the object; longer while data is missing in pictures."""
+        loop, eye = asyncio.get_running_loop(), self._tools.eyes[drone_id]
+        begun_s = loop.time()
+        patience_s = self._config.picture_timeout_s
+        while loop.time() - begun_s < patience_s:
+            sight = eye.sight
+            if sight is not None and sight.frame.captured_s >= begun_s - _POLL_S:
+                if sight.frame.damaged:
+                    patience_s = self._config.whole_picture_timeout_s
+                elif sight.region is not None and sight.box is not None:
+                    pose = self._tools.pilot.pose(drone_id, sight.frame.captured_s)
+                    intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
+                    self._state.views.append(View(pose, intrinsics, sight.box, sight.region))
+                    return
+            await asyncio.sleep(_POLL_S)
 
     async def _fit_seed(self) -> None:
         # Carving takes a while; in a thread it never delays a stop.
