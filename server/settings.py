@@ -158,11 +158,12 @@ def _refuse_unknown_names(file: Path | None) -> None:
     for variable, value in os.environ.items():
         if not variable.startswith("DRONERF_"):
             continue
-        names = tuple(variable.removeprefix("DRONERF_").lower().split("__"))
+        group, *inner = variable.removeprefix("DRONERF_").lower().split("__")
+        names = (group, *inner)
         # Without an underscore pair it may belong to somebody else, as DRONERF_CONFIG does.
-        if len(names) > 1 and not _is_setting(names):
+        if inner and not _is_setting(names):
             raise SettingsError(f"unknown setting {variable}")
-        for inside in _leaves_of_json(value) if names[0] in Settings.model_fields else ():
+        for inside in _leaves_of_json(value) if group in Settings.model_fields else ():
             if not _is_setting((*names, *inside)):
                 raise SettingsError(f"unknown setting {'.'.join(inside)} in {variable}")
 

@@ -57,9 +57,10 @@ def test_the_room_follows_narrower_safety_limits() -> None:
 
 
 def test_the_room_does_not_grow_with_wider_ones() -> None:
-    assert space_within(
-        SPACE, fence_radius_m=20.0, floor_m=0.1, ceiling_m=9.0, standoff_m=0.2
-    ) == SPACE
+    assert (
+        space_within(SPACE, fence_radius_m=20.0, floor_m=0.1, ceiling_m=9.0, standoff_m=0.2)
+        == SPACE
+    )
 
 
 def test_no_room_left_is_told() -> None:
