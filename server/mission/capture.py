@@ -66,7 +66,9 @@ class Photographer:
                 missed.append(drone_id)
             else:
                 sight, pose, telemetry = found
-                await self._keep(drone_id, sight, pose, telemetry, round_index, object_box)
+                # Once begun it is finished: half a picture would be taken again under its number.
+                keeping = self._keep(drone_id, sight, pose, telemetry, round_index, object_box)
+                await asyncio.shield(keeping)
         return missed
 
     async def save_keyframes(self, drones: list[str]) -> None:

@@ -20,6 +20,7 @@ _LEAST_FREE_MB = 500.0
 # A drone that stands more crooked than this has a foot on something and takes off sideways.
 _CROOKED_DEG = 8.0
 
+_WHO_REMEDY = "Switch on the drone with that serial number, or mend the fleet file."
 _REMEDIES = {
     "state": "Look at the Wi-Fi and at the firewall for UDP port 8890.",
     "battery": "Put in a charged battery.",
@@ -78,6 +79,9 @@ def check_drone(drone: Drone, now_s: float, safety: SafetyConfig) -> tuple[Check
     )
     checks.append(
         check("armed", not drone.held, "held" if drone.held else "armed", "Re-arm it after HOLD.")
+    )
+    checks.append(
+        check("identity", not drone.stranger, drone.stranger or "as it should be", _WHO_REMEDY)
     )
     checks += _take_off_checks(drone, now_s, safety)
     moving = drone.newest_frame is not None and drone.video_fps > 0.0

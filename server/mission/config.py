@@ -30,8 +30,6 @@ class MissionConfig:
         keyframe_m: A key frame is saved after each such move of a camera.
         keyframe_rad: Or after each such turn.
         grounded_timeout_s: How long a capture whose drones have all landed waits to be resumed.
-        object_sigma_m: Uncertainty of the object's place before anything is seen.
-        cruise_height_m: Height of the nominal start viewpoints until the object has been seen.
     """
 
     control_rate_hz: float = 15.0
@@ -49,8 +47,6 @@ class MissionConfig:
     keyframe_m: float = 0.45
     keyframe_rad: float = 0.3
     grounded_timeout_s: float = 1800.0
-    object_sigma_m: float = 0.3
-    cruise_height_m: float = 0.8
 
     def __post_init__(self) -> None:
         for entry in fields(self):

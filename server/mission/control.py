@@ -7,6 +7,7 @@ captures on disk. Everything here runs on the event loop.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import logging
 from collections import deque
@@ -45,6 +46,7 @@ from server.mission.mission import Mission, MissionTools
 from server.mission.pilot import Pilot
 from server.store.runs import RunFolder, list_runs
 from server.swarm.drone import Drone
+from server.swarm.errors import DroneError
 from server.swarm.failsafes import Failsafe
 from server.swarm.fleet import FiredNote, Fleet
 
@@ -105,7 +107,8 @@ class Control:
         self._mission: Mission | None = None
         self._mission_task: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        self._connecting: list[asyncio.Task[None]] = []
+        self._connecting: asyncio.Task[None] | None = None
+        self._failed_task = ""  # A standing task that has ended, which none should.
 
     async def __aenter__(self) -> Control:
         self._tasks = [
@@ -118,10 +121,7 @@ class Control:
             asyncio.create_task(self._watch(), name="standing events"),
         ]
         # Connecting ends by itself, so it is no standing task.
-        self._connecting = [
-            asyncio.create_task(drone.connect(), name=f"connect {drone_id}")
-            for drone_id, drone in self._fleet.drones.items()
-        ]
+        self._connecting = asyncio.create_task(self._connect(), name="connect")
         for task in self._tasks:
             task.add_done_callback(self._on_task_end)
         return self
@@ -129,17 +129,39 @@ class Control:
     async def __aexit__(self, *_: object) -> None:
         if self._mission_task is not None and not self._mission_task.done():
             assert self._mission is not None
-            self._mission.abort("the console is shutting down")
+            with contextlib.suppress(ValueError):  # It is over and only cleans up.
+                self._mission.abort("the console is shutting down")
             await asyncio.wait([self._mission_task], timeout=20.0)
-        for task in (*self._tasks, *self._connecting):
+        tasks = self._tasks if self._connecting is None else [*self._tasks, self._connecting]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._tasks, *self._connecting, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         self._threads.shutdown(wait=False, cancel_futures=True)
+
+    async def _connect(self) -> None:
+        """Find and connect to every drone, side by side; says which one cannot be had and why."""
+        for drone_id, reason in (await self._fleet.find_stations()).items():
+            self.events.publish(Noted("error", reason, drone_id))
+
+        async def connect_one(drone: Drone) -> None:
+            try:
+                await drone.connect()
+            except DroneError as error:
+                self.events.publish(Noted("error", str(error), drone.config.id))
+
+        await asyncio.gather(*(connect_one(drone) for drone in self._fleet.drones.values()))
+
+    def _refuse_if_broken(self) -> None:
+        if self._failed_task:
+            raise RefusedError(
+                f"the console's task “{self._failed_task}” has failed; restart the console"
+            )
 
     def _on_task_end(self, task: asyncio.Task[None]) -> None:
         if task.cancelled():
             return
         # A standing task never ends by itself: whoever flies blind must land.
+        self._failed_task = task.get_name()
         logger.error("%s ended: landing the fleet", task.get_name(), exc_info=task.exception())
         self._fleet.land()
         self.events.publish(
@@ -218,6 +240,7 @@ class Control:
             case "takeoff":
                 if self._flying_mission():
                     raise RefusedError("a capture is running; it flies the drones")
+                self._refuse_if_broken()
                 if drone.held:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
                 self._fleet.forget_operator()
@@ -227,6 +250,7 @@ class Control:
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
         drones = self._drones_for(_checked(request, len(self._fleet.drones)), request)
+        self._refuse_if_broken()
         if self._mission_task is not None and not self._mission_task.done():
             raise RefusedError("a capture is running; abort it or wait for its end")
         held = [d for d in drones if self._fleet.drones[d].held]
@@ -257,7 +281,10 @@ class Control:
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         """Go on; raises UnknownError or RefusedError."""
-        return self._steer(capture_id, lambda mission: mission.resume())
+        record = self._steer(capture_id, lambda mission: mission.resume())
+        if not self._flying_mission():
+            self._fleet.forget_operator()  # As at a start: whoever is in command says so again.
+        return record
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""

@@ -140,26 +140,32 @@ class Mission:
 
     def abort(self, reason: str) -> None:
         """Land and end; raises ValueError when already over."""
-        self._redirect(self._state.progress.end(reason))
+        progress = self._state.progress.end(reason)
+        if self._state.progress.phase is Phase.LAND:
+            self._state.progress = progress  # It is landing: that must not be cut short.
+        else:
+            self._redirect(progress)
 
     # -- the course ---------------------------------------------------------------------------
 
     async def run(self) -> None:
         """Fly, capture, land, train; returns when all is over and never raises."""
+        self._tools.pilot.begin_capture()
         self._change("running")
         watch = asyncio.create_task(self._watch_drones(), name="mission watch")
+        watch.add_done_callback(self._on_watch_end)
         try:
             while not self._state.progress.over:
                 await self._run_phase()
             self._finish()
         except Exception as error:
             logger.exception("mission %s failed", self.run_folder.id)
-            for drone_id in self._state.drones:
-                self._tools.fleet.land(drone_id)
             self._recorder.error = f"internal error: {error!r}"
+            self._end_at_once()
             self._change("failed")
         finally:
             watch.cancel()
+            self._land_whoever_flies()
             await self._planning.cancel()
             await self._reconstruction.cancel()
             self._tools.pilot.release(list(self._state.drones))
@@ -194,6 +200,31 @@ class Mission:
             await asyncio.sleep(_POLL_S)
             progress = self._state.progress
 
+    def _end_at_once(self) -> None:
+        """Take the place at the end of the course; landing is then nobody's phase any more."""
+        progress = self._state.progress
+        if not progress.over:
+            progress = progress.end(self._recorder.error or "failed")
+        if progress.phase is Phase.LAND:
+            progress = progress.advance()
+        self._state.progress = progress
+
+    def _land_whoever_flies(self) -> None:
+        """Leave nobody in the air; a drone that the operator holds goes on hovering."""
+        for drone_id in self._state.drones:
+            drone = self._tools.fleet.drones[drone_id]
+            if drone.airborne and not drone.held:
+                self._tools.fleet.land(drone_id)
+
+    def _on_watch_end(self, watch: asyncio.Task[None]) -> None:
+        if watch.cancelled():
+            return
+        # Without it nobody sees a HOLD or a lost drone: the flight cannot go on.
+        logger.error("mission watch failed", exc_info=watch.exception())
+        self._recorder.error = "internal error: the watch over the drones failed"
+        if not self._state.progress.over:
+            self.abort(self._recorder.error)
+
     def _fail(self, phase: Phase, reason: str) -> None:
         self._tools.events.publish(Noted("error", reason))
         if self._state.progress.planned and phase in _RETURNING:
@@ -218,8 +249,9 @@ class Mission:
         self._tools.events.publish(
             Noted(
                 "warning",
-                "All drones are down before the last picture. Put in charged batteries, set the"
-                " drones down at their start places and resume the capture, or abort it.",
+                "All drones are down before the last picture. Resume the capture, or abort it. A"
+                " drone that gets a charged battery must be set down at its start place; one that"
+                " was not switched off must stay where it landed.",
             )
         )
         self._change("paused")
@@ -228,6 +260,8 @@ class Mission:
         """Pause when a drone is held; see to it that drones out of the air leave the crew."""
         while True:
             await asyncio.sleep(_POLL_S)
+            if self._state.progress.phase in (*_STEERED, Phase.GROUNDED):
+                self._land_strangers()
             if self._state.progress.phase not in _STEERED:
                 continue
             for drone_id in list(self._state.crew):
@@ -241,6 +275,15 @@ class Mission:
                     self.pause()
             if not self._state.crew and self._photographer.taken < self._pictures:
                 self._go_aground()
+
+    def _land_strangers(self) -> None:
+        """Land drones of this capture that are in the air although nobody flies them."""
+        for drone_id in self._state.drones:
+            drone = self._tools.fleet.drones[drone_id]
+            if drone_id not in self._state.crew and drone.activity == "flying":
+                text = "It is in the air without being in the crew: it lands."
+                self._tools.events.publish(Noted("error", text, drone_id))
+                self._tools.fleet.land(drone_id)
 
     def _lose(self, drone_id: str, drone: Drone) -> None:
         phase = self._state.progress.phase
@@ -269,4 +312,8 @@ class Mission:
         self._save()
 
     def _save(self) -> None:
-        self._recorder.save(self.status(), self._state.progress, self._state.seed)
+        try:
+            self._recorder.save(self.status(), self._state.progress, self._state.seed)
+        except OSError:
+            # The flight matters more than its record, and the next saving may succeed.
+            logger.exception("the record of capture %s could not be written", self.run_folder.id)

@@ -69,6 +69,14 @@ class Pilot:
             start = facing(np.zeros(3), azimuth_rad, fleet.config.start_radius_m, 0.0)
             self._wings[drone_id] = Wing(drone, eyes[drone_id], start, config, number)
 
+    def begin_capture(self) -> None:
+        """Forget the object of the capture before: it may be another one, elsewhere."""
+        self.paused = False
+        self.seed = None
+        self._target = TargetEstimator(self._config.vision.localization)
+        for wing in self._wings.values():
+            wing.begin_capture()
+
     # -- goals --------------------------------------------------------------------------------
 
     def place_at_start(self, drone_id: str) -> None:
@@ -76,7 +84,6 @@ class Pilot:
         wing = self._wings[drone_id]
         if not wing.flown:
             wing.place_at_start()
-        wing.flown = True
         wing.begin_flight()
         wing.goal = None
 
@@ -201,11 +208,10 @@ class Pilot:
             if not self.paused and wing.drone.activity == "flying":
                 wish = self._wish(wing, pose, target, now_s)
             flying.append((wing, pose, wish[1]))
-            # Who climbs, sinks or is held makes no room: the others do.
-            steered = wing.drone.activity == "flying" or (
-                wing.drone.activity == "holding" and not wing.drone.held
-            )
-            agents.append(agent_from_pose(pose, wing.filter.velocity(), wish[0], steered))
+            # Who climbs, sinks, is held or silent makes no room: the others do.
+            yields = wing.is_heard(now_s) and not wing.drone.held
+            yields = yields and wing.drone.activity in ("flying", "holding")
+            agents.append(agent_from_pose(pose, wing.filter.velocity(), wish[0], yields))
         if not flying:
             return
         planner = self._config.planner
@@ -221,8 +227,11 @@ class Pilot:
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
             setpoint = limit_setpoint(setpoint, pose, obstacle, self._config.safety)
-            sent = wing.told(turned(setpoint.velocity_m_s, pose.yaw_rad), now_s, self._dt_s)
-            setpoint = replace(setpoint, velocity_m_s=turned(sent, -pose.yaw_rad))
+            steered = wing.drone.activity == "flying"
+            if steered:
+                velocity = turned(setpoint.velocity_m_s, pose.yaw_rad)
+                velocity = wing.against_wind(velocity, now_s, self._dt_s)
+                setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
             others = [other for other in poses if other is not pose]
             readings = flight_readings(pose, others, obstacle, self._config.safety)
             ages = wing.ages(now_s)
@@ -230,7 +239,9 @@ class Pilot:
                 readings, object_age_s=ages.object_age_s, velocity_age_s=ages.velocity_age_s
             )
             wing.drone.observe_flight(readings, now_s)
-            wing.drone.set_setpoint(setpoint, now_s)
+            taken = wing.drone.set_setpoint(setpoint, now_s) and steered
+            told = turned(setpoint.velocity_m_s, pose.yaw_rad) if taken else np.zeros(3)
+            wing.was_told(told, self._dt_s)
 
     def _wish(
         self, wing: Wing, pose: CameraPose, target: TargetEstimate, now_s: float

@@ -20,6 +20,7 @@ class MissionState:
         seed: The seed geometry once known.
         views: Pictures that the seed geometry is made from.
         assignment: Who goes where; rows before the present round are history.
+        captured: Identities of the viewpoints whose picture is on disk.
         missed_once: True once the viewpoints without a clean picture have had their second chance.
     """
 
@@ -29,6 +30,7 @@ class MissionState:
     seed: SeedGeometry | None = None
     views: list[View] = field(default_factory=list)
     assignment: Assignment = field(default_factory=lambda: Assignment(()))
+    captured: set[int] = field(default_factory=set[int])
     missed_once: bool = False
 
     @property

@@ -30,8 +30,9 @@ from server.mission.record import CaptureRecorder
 from server.mission.state import MissionState
 from server.mission.takeover import orphans, share_out
 from server.planner.errors import PlanError
-from server.stages import View, Viewpoint
+from server.stages import Assignment, View, Viewpoint
 from server.store.runs import RunFolder
+from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
 from server.vision.seed import SeedError, seed_from_views
 
@@ -145,11 +146,14 @@ class Steps:
             for drone_id, result in zip(crew, results, strict=True)
             if isinstance(result, BaseException)
         }
+        # A drone that HOLD stopped on its way up hovers for the operator, who is waited for.
+        fleet = self._tools.fleet
+        failures = {d: why for d, why in failures.items() if fleet.drones[d].activity != "holding"}
         if len(failures) == len(crew):
             raise StepFailedError(f"no drone took off: {'; '.join(failures.values())}")
         for drone_id, reason in failures.items():
             # Perhaps it climbs after all: nobody would fly it.
-            self._tools.fleet.land(drone_id)
+            fleet.land(drone_id)
             self._state.crew.remove(drone_id)
             self._tools.recorder.dropped[drone_id] = reason
             self._note("error", f"It did not take off ({reason}); the others go on.", drone_id)
@@ -170,7 +174,7 @@ class Steps:
             self._tools.pilot.centre(drone_id, self._tools.pilot.start_azimuth_rad(drone_id))
         await self._until(self._all_centred, self._config.centre_timeout_s)
         if self._state.progress.planned:
-            await self._regroup(self._state.progress.round_index, taken=set())
+            await self._share_out_the_rest()
 
     async def _look_around(self) -> None:
         """Take four seed views 90 degrees apart, in turn with fewer than four drones."""
@@ -244,13 +248,28 @@ class Steps:
         if training and photographer.taken >= min(4, self._request.pictures):
             await self._tools.reconstruction.start()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
+        state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
         if photographer.taken < self._request.pictures:
             await self._regroup(state.progress.round_index + 1, taken)
+        else:
+            state.progress = state.progress.with_rounds(state.progress.round_index + 1)
+
+    async def _share_out_the_rest(self) -> None:
+        """After an interruption: share out all viewpoints without a picture, from this round on."""
+        state, now = self._state, self._state.progress.round_index
+        left = [
+            viewpoint
+            for row in state.assignment.rounds[now:]
+            for viewpoint in row.values()
+            if id(viewpoint) not in state.captured
+        ]
+        if left:
+            begun = Assignment(state.assignment.rounds[:now])
+            await self._assign_anew(begun, now, left)
 
     async def _regroup(self, next_round: int, taken: set[str]) -> None:
         """Share out anew the viewpoints that nobody would go to."""
         state = self._state
-        assert state.seed is not None
         orphaned = orphans(state.assignment, next_round, taken, state.crew)
         last = next_round >= len(state.assignment.rounds)
         # A viewpoint without a clean picture waits for the end, and gets one more chance there.
@@ -258,10 +277,17 @@ class Steps:
         if not orphaned or not state.crew or (not dropped_out and (not last or state.missed_once)):
             return
         state.missed_once = state.missed_once or last
+        await self._assign_anew(state.assignment, next_round, orphaned)
+
+    async def _assign_anew(
+        self, assignment: Assignment, next_round: int, orphaned: list[Viewpoint]
+    ) -> None:
+        state = self._state
+        assert state.seed is not None
         poses = {d: self._tools.pilot.pose(d) for d in state.crew}
         centre, space = state.seed.outer.centre, self._tools.config.planner.space
         state.assignment, given_up = await asyncio.to_thread(
-            share_out, state.assignment, next_round, orphaned, poses, centre, space
+            share_out, assignment, next_round, orphaned, poses, centre, space
         )
         rounds = max(len(state.assignment.rounds), state.progress.round_index + 1)
         state.progress = state.progress.with_rounds(rounds)
@@ -275,9 +301,10 @@ class Steps:
     async def _land(self) -> None:
         fleet, drones = self._tools.fleet, self._state.drones
         await self._move_aside()
+        await self._while_held()
         for drone_id in drones:
-            if fleet.drones[drone_id].airborne:
-                fleet.land(drone_id)
+            # Also those that are believed down: a take-off that was cut short may go on.
+            fleet.land(drone_id)
         down = await self._until(lambda: not any(fleet.drones[d].airborne for d in drones), 20.0)
         if not down:
             self._note("error", "A drone has not reported that it is down. Look, then cut motors.")
@@ -303,7 +330,30 @@ class Steps:
                 moving.append(drone_id)
                 above = np.append(place, position[2])
                 pilot.fly(drone_id, Viewpoint(above, poses[drone_id].yaw_rad))
-        await self._until(lambda: all(pilot.arrived(d) for d in moving), _MOVE_ASIDE_S)
+        deadline_s = asyncio.get_running_loop().time() + _MOVE_ASIDE_S
+        while asyncio.get_running_loop().time() < deadline_s:
+            moving = [
+                d for d in moving if fleet.drones[d].activity == "flying" and not pilot.arrived(d)
+            ]
+            if not moving:
+                return
+            await asyncio.sleep(_POLL_S)
+
+    async def _while_held(self) -> None:
+        """Wait while the operator holds a drone in the air: somebody may stand below it.
+
+        An operator who aborts has seen that: then it lands.
+        """
+        told = False
+        aborted = self._state.progress.ending is not None and self._tools.recorder.error is None
+        while not aborted and any(d.held and d.activity == "holding" for d in self._flown_drones()):
+            if not told:
+                told = True
+                self._note("warning", "HOLD: the landing waits. Re-arm, or press LAND.")
+            await asyncio.sleep(_POLL_S)
+
+    def _flown_drones(self) -> list[Drone]:
+        return [self._tools.fleet.drones[d] for d in self._state.drones]
 
     async def _train(self) -> None:
         taken = self._tools.photographer.taken

@@ -97,6 +97,11 @@ class Wing:
         self._felt_s: float | None = None
         self.place_at_start()
 
+    def begin_capture(self) -> None:
+        """Want nothing, and centre the object from the start circle."""
+        self.goal = None
+        self.radius_m = float(np.hypot(*self.start.position_world[:2]))
+
     def begin_flight(self) -> None:
         """Forget what was felt and seen in the flight before."""
         self.wind, self._told = np.zeros(3), np.zeros(3)
@@ -128,6 +133,8 @@ class Wing:
     def observe(self, target: TargetEstimator) -> None:
         """Take new telemetry and a new box, and share what they tell about the object."""
         telemetry = self.drone.telemetry
+        if self.drone.activity == "flying":
+            self.flown = True
         if telemetry is not None:
             if telemetry.motor_time_s < self._motor_time_s:
                 # It was switched off: somebody sets it down at its start place again.
@@ -158,19 +165,26 @@ class Wing:
         covariance[:3, :3] += np.eye(3) * (_COAST_SIGMA_M_S * silent_s) ** 2
         return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
 
-    def told(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
-        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
+    def is_heard(self, now_s: float) -> bool:
+        """Return whether its state reports are fresh."""
         telemetry = self.drone.telemetry
-        fresh = telemetry is not None and now_s - telemetry.received_s < _STALE_STATE_S
-        share = min(1.0, dt_s / _WIND_TAU_S) if fresh else 0.0
+        return telemetry is not None and now_s - telemetry.received_s < _STALE_STATE_S
+
+    def against_wind(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
+        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
+        share = min(1.0, dt_s / _WIND_TAU_S) if self.is_heard(now_s) else 0.0
         self.wind = self.wind + share * (self.filter.velocity() - self._told - self.wind)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
         strength = float(np.linalg.norm(self.wind))
         if strength > _WIND_MAX_M_S:
             self.wind *= _WIND_MAX_M_S / strength
         sent = velocity_world - self.wind
-        self._told = self._told + min(1.0, dt_s / _LAG_S) * (sent - self._told)
-        return sent
+        speed, fastest = float(np.linalg.norm(sent)), self._config.safety.max_speed_m_s
+        return sent * (fastest / speed) if speed > fastest else sent
+
+    def was_told(self, velocity_world: Array, dt_s: float) -> None:
+        """Note the world velocity ``(3,)`` that was really sent; zero while it only hovers."""
+        self._told = self._told + min(1.0, dt_s / _LAG_S) * (velocity_world - self._told)
 
     def turning(self, goal: Array, pose: CameraPose, obstacle: Box3, now_s: float) -> int:
         """Return which way round the object it goes to ``goal`` ``(3,)``: +1, -1 or 0."""

@@ -123,7 +123,7 @@ class Fleet:
         Returns:
             The reason by id for each drone that did not answer in time; empty when all did.
         """
-        failures = await self._search.find_all(progress)
+        failures = await self.find_stations(progress)
 
         async def connect_one(drone: Drone) -> None:
             try:
@@ -140,6 +140,17 @@ class Fleet:
                     continue
                 group.create_task(connect_one(drone), name=f"connect {drone.config.id}")
         return failures
+
+    async def find_stations(self, progress: Progress | None = None) -> dict[str, str]:
+        """Find the drones that are known by their serial number alone, and from now on again.
+
+        Args:
+            progress: Told how far a search is, see ``station.find_stations``.
+
+        Returns:
+            The reason by id for each that was not found.
+        """
+        return await self._search.find_all(progress)
 
     def _silence(self, drone: Drone, waited_s: float) -> str:
         config = drone.config

@@ -114,13 +114,17 @@ class PortBoard:
         assert opened.transport is not None
         return opened.transport
 
-    def leave(self, config: DroneConfig, address: str, port: int) -> None:
-        """Stop delivery to a drone; the last one closes the socket."""
+    def leave(self, config: DroneConfig, address: str, port: int, receiver: Receiver) -> None:
+        """Stop delivery to ``receiver``; the last one closes the socket.
+
+        Whoever has taken over the address meanwhile keeps it.
+        """
         key = (config.local_address, config.interface, port)
         opened = self._ports.get(key)
         if opened is None:
             return
-        opened.receivers.pop(address, None)
+        if opened.receivers.get(address) == receiver:
+            del opened.receivers[address]
         if not opened.receivers and opened.transport is not None:
             opened.transport.close()
             del self._ports[key]
@@ -237,5 +241,7 @@ class UdpDroneLink:
         self._leave(self.address)
 
     def _leave(self, address: str) -> None:
-        self._board.leave(self._config, address, self._config.state_port)
-        self._board.leave(self._config, address, self._config.video_port)
+        if self._receivers is not None:
+            _, on_state, on_video = self._receivers
+            self._board.leave(self._config, address, self._config.state_port, on_state)
+            self._board.leave(self._config, address, self._config.video_port, on_video)

@@ -42,6 +42,8 @@ CONSOLE_FAULTS: dict[str, tuple[str, ...]] = {
     "land_one": _FLIGHT,
     "land_all": _FLIGHT,
     "cut_one": _FLIGHT,
+    "abort": ("take_off", "fly"),
+    "abort_twice": ("take_off", "fly"),
     "operator_gone": ("seed", "fly"),
     "planner_hangs": ("plan",),
 }

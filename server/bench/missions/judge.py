@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,16 +68,18 @@ class Judge:
 
     def observe(self, bodies: Mapping[str, Body]) -> None:
         """Judge one moment."""
-        names = list(bodies)
-        for index, name in enumerate(names):
-            body = bodies[name]
-            if not body.flying or body.position[2] < _OFF_GROUND_M:
-                self.judgement.outside.discard(name)
-                continue
-            self._judge_fence(name, body.position)
-            self._judge_object(name, body.position)
-            for other in names[:index] + [n for n in names[index + 1 :] if not bodies[n].flying]:
-                self._judge_pair((name, other), body.position, bodies[other].position)
+        in_the_air = {
+            name
+            for name, body in bodies.items()
+            if body.flying and body.position[2] >= _OFF_GROUND_M
+        }
+        self.judgement.outside &= in_the_air
+        for name in in_the_air:
+            self._judge_fence(name, bodies[name].position)
+            self._judge_object(name, bodies[name].position)
+        for one, other in combinations(sorted(bodies), 2):
+            if one in in_the_air or other in in_the_air:
+                self._judge_pair((one, other), bodies[one].position, bodies[other].position)
 
     def _judge_pair(self, pair: tuple[str, str], one: Array, other: Array) -> None:
         apart_m = float(np.linalg.norm(one - other))

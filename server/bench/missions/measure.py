@@ -142,6 +142,7 @@ def summary(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     return {
         "missions": len(flown),
         "real_udp_missions": sum(o.real_udp for o in flown),
+        "faults_that_happened": sum(bool(o.fault) and o.happened for o in flown),
         "completed": sum(o.state == "succeeded" for o in flown),
         "completed_plain_up_to_10_pct_loss": f"{sum(o.state == 'succeeded' for o in plain)} of"
         f" {len(plain)}",
@@ -188,6 +189,7 @@ def _by_fault(flown: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
     return {
         fault: {
             "missions": len(group),
+            "faults_that_happened": sum(bool(o.fault) and o.happened for o in flown),
             "completed": sum(o.state == "succeeded" for o in group),
             "collisions": sum(o.collisions for o in group),
             "fence_violations": sum(o.fence_violations for o in group),

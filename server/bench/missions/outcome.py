@@ -12,7 +12,7 @@ class Reaction:
     Attributes:
         after_ms: How long after.
         drone_id: For which drone.
-        event: The failsafe's event, or ``operator`` for a stop that was pressed.
+        event: The failsafe's event.
         action: What it did.
     """
 
@@ -30,6 +30,7 @@ class Outcome:
         name: The case's name.
         scene: What stood in the middle.
         fault: What went wrong, empty for nothing.
+        happened: Whether it did; a phase that never came lets nothing happen in it.
         phase: When.
         loss: Share of datagrams lost all the time.
         real_udp: Whether it flew over real sockets with real video.
@@ -53,6 +54,7 @@ class Outcome:
     name: str
     scene: str
     fault: str
+    happened: bool
     phase: str
     loss: float
     real_udp: bool

@@ -7,6 +7,7 @@ comes from the simulator's own record afterwards.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import tempfile
 import time
@@ -57,7 +58,8 @@ async def _fly(case: Case, folder: Path) -> Outcome:
         except TimeoutError:
             record = control.capture(record.status.id)
         happening.cancel()
-        await asyncio.gather(happening, return_exceptions=True)
+        with contextlib.suppress(asyncio.CancelledError):
+            await happening
         held = {d for d, drone in fleet.drones.items() if drone.held}
         await _come_down(truth, held)
         bodies = _bodies(truth)
@@ -70,6 +72,7 @@ async def _fly(case: Case, folder: Path) -> Outcome:
         name=case.name,
         scene=case.scene,
         fault=case.fault,
+        happened=trouble.onset_s is not None,
         phase=case.phase,
         loss=case.loss,
         real_udp=True,

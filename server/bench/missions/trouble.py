@@ -44,13 +44,18 @@ class Trouble:
     async def happen(self) -> None:
         """Wait for the phase and let the fault happen somewhere in it."""
         case = self._case
+        if case.fault == "planner_hangs":
+            self.onset_s = asyncio.get_running_loop().time()
         if not case.fault or case.fault == "planner_hangs":
             return  # The runner of the jobs sees to a planner that hangs.
         present = None
         if case.fault == "operator_gone":
             present = asyncio.create_task(self._be_present())
-        await self._phase_comes(case.phase)
-        await asyncio.sleep(float(self._rng.uniform(0.0, 2.0)))
+        if case.fault == "stays_down":
+            await self._phase_comes(Phase.PREFLIGHT)  # Later it is no longer on the ground.
+        else:
+            await self._phase_comes(case.phase)
+            await asyncio.sleep(float(self._rng.uniform(0.0, 2.0)))
         victim = str(self._rng.choice(list(self._fleet.drones)))
         self.onset_s = asyncio.get_running_loop().time()
         if case.fault not in CONSOLE_FAULTS:
@@ -105,6 +110,12 @@ class Trouble:
                 await self._phase_comes(Phase.GROUNDED)
                 await asyncio.sleep(_LOOK_S)
                 await self._resume()
+            case "abort":
+                await self._abort()
+            case "abort_twice":
+                await self._abort()
+                await asyncio.sleep(1.0)
+                await self._abort()
             case "land_one":
                 fleet.land(victim)
             case "cut_one":
@@ -112,6 +123,12 @@ class Trouble:
             case "operator_gone":
                 assert present is not None
                 present.cancel()
+
+    async def _abort(self) -> None:
+        try:
+            await self._control.abort_capture(self._control.captures()[0].status.id)
+        except RefusedError:
+            return  # It is over.
 
     async def _resume(self) -> None:
         try:

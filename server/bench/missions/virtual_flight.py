@@ -7,6 +7,7 @@ Frame -> Box are replaced. The same case flies the same way every time.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import tempfile
 import time
 from contextlib import AsyncExitStack
@@ -119,7 +120,10 @@ class _VirtualFlight:
             await self._come_down(fleet)
             unsafe = self._ends_unsafely(fleet)
             watch.cancel()
-            await asyncio.gather(watch, happening, return_exceptions=True)
+            for task in (watch, happening):
+                # What went wrong in them makes the figures worthless: it must not pass unseen.
+                with contextlib.suppress(asyncio.CancelledError):
+                    await task
             kept = control.run_folder(record.status.id)
         for link in links.values():
             link.end()
@@ -176,6 +180,7 @@ class _VirtualFlight:
             name=self._case.name,
             scene=self._case.scene,
             fault=self._case.fault,
+            happened=trouble.onset_s is not None,
             phase=self._case.phase,
             loss=self._case.loss,
             real_udp=False,
