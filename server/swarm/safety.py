@@ -30,7 +30,7 @@ _SIGMAS = 2.0
 _MARGIN_MAX_M = 0.4
 # A coasting drone is where it is believed to be to within this, and its speed and turn are those
 # told to within these factors: sticks are no speeds.
-_COAST_MARGIN_M = 0.25
+_COAST_MARGIN_M = 0.35
 _SPEED_FACTOR = 1.1
 _TURN_FACTORS = np.array([0.85, 1.0, 1.15])
 # When, as shares of the coasting time, it must be inside the fence.
