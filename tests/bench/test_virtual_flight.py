@@ -70,6 +70,22 @@ def test_a_link_that_dies_in_flight_makes_the_failsafe_land() -> None:
     assert_nobody_was_hurt(outcome)
 
 
+@pytest.mark.parametrize("phase", ["take_off", "fly"])
+@pytest.mark.parametrize("fault", ["abort", "abort_twice"])
+def test_an_abort_lands_everybody_whenever_it_comes(fault: str, phase: str) -> None:
+    outcome = fly(fault, phase)
+    assert outcome.happened
+    assert outcome.state == "aborted"
+    assert_nobody_was_hurt(outcome)
+
+
+def test_hold_during_the_take_off_waits_for_the_operator() -> None:
+    outcome = fly("hold_all", "take_off")
+    assert outcome.state == "succeeded"
+    assert outcome.images == 8
+    assert_nobody_was_hurt(outcome)
+
+
 def test_a_planner_that_hangs_is_not_waited_for() -> None:
     outcome = fly("planner_hangs", "plan")
     assert outcome.state == "succeeded"

@@ -249,6 +249,33 @@ async def test_drones_on_one_local_port_are_told_apart_by_their_address() -> Non
             link.close()  # Closing twice is allowed.
 
 
+async def test_two_drones_that_exchange_their_addresses_are_both_heard() -> None:
+    """As DHCP may have it: the second one's leaving must not deafen the first."""
+    config = some_simulation(2)
+    board = PortBoard()
+    local = config.address(0)[:-1] + "150"
+    drones = fleet_config(config).drones
+    heard: dict[str, list[bytes]] = {drone.id: [] for drone in drones}
+    links = [UdpDroneLink(replace(drone, local_address=local), board) for drone in drones]
+    for drone, link in zip(drones, links, strict=True):
+        into = heard[drone.id]
+        await link.open(
+            lambda *_: None, lambda data, _, into=into: into.append(data), lambda *_: None
+        )
+    try:
+        await links[0].move_to(drones[1].address)
+        await links[1].move_to(drones[0].address)
+        for sender_of, receiver in ((drones[1], drones[0]), (drones[0], drones[1])):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.bind((sender_of.address, 0))
+                sender.sendto(receiver.id.encode(), (local, 8890))
+        await until(lambda: all(heard.values()))
+        assert heard == {drone.id: [drone.id.encode()] for drone in drones}
+    finally:
+        for link in links:
+            link.close()
+
+
 async def test_a_closed_link_counts_what_it_cannot_send() -> None:
     link = UdpDroneLink(DroneConfig(address="127.0.0.9"))
     link.send(b"stop")
