@@ -241,7 +241,8 @@ class Pilot:
             wing.drone.observe_flight(readings, now_s)
             taken = wing.drone.set_setpoint(setpoint, now_s) and steered
             told = turned(setpoint.velocity_m_s, pose.yaw_rad) if taken else np.zeros(3)
-            wing.was_told(told, self._dt_s)
+            turn_rad_s = setpoint.yaw_rate_rad_s if taken else 0.0
+            wing.was_told(told, turn_rad_s, now_s, self._dt_s)
 
     def _wish(
         self, wing: Wing, pose: CameraPose, target: TargetEstimate, now_s: float

@@ -92,6 +92,8 @@ class Wing:
         self._motor_time_s = 0.0
         self.wind = np.zeros(3)
         self._told = np.zeros(3)  # World velocity it was told, as a lagging drone follows it.
+        # World velocity and turn that it was told last while it could be heard.
+        self._sent, self._turn_rad_s = np.zeros(3), 0.0
         self._detour: Detour | None = None
         self._seen_s: float | None = None
         self._felt_s: float | None = None
@@ -161,7 +163,12 @@ class Wing:
         if silent_s <= 0.0 or not self.drone.airborne:
             return pose
         T_world_cam, covariance = pose.T_world_cam.copy(), pose.covariance.copy()
-        T_world_cam[:2, 3] += self.filter.velocity()[:2] * min(silent_s, _COAST_S)
+        # Its last sticks stay in force, and they are in its own axes: it flies on along an arc.
+        coasted_s = min(silent_s, _COAST_S)
+        half_turn = self._turn_rad_s * coasted_s / 2.0
+        chord = self._sent * coasted_s
+        chord[:2] *= float(np.sinc(half_turn / np.pi))
+        T_world_cam[:3, 3] += turned(chord, half_turn)
         covariance[:3, :3] += np.eye(3) * (_COAST_SIGMA_M_S * silent_s) ** 2
         return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
 
@@ -182,8 +189,12 @@ class Wing:
         speed, fastest = float(np.linalg.norm(sent)), self._config.safety.max_speed_m_s
         return sent * (fastest / speed) if speed > fastest else sent
 
-    def was_told(self, velocity_world: Array, dt_s: float) -> None:
-        """Note the world velocity ``(3,)`` that was really sent; zero while it only hovers."""
+    def was_told(
+        self, velocity_world: Array, yaw_rate_rad_s: float, now_s: float, dt_s: float
+    ) -> None:
+        """Note the world velocity ``(3,)`` and turn really sent; zero while it only hovers."""
+        if self.is_heard(now_s):
+            self._sent, self._turn_rad_s = velocity_world, yaw_rate_rad_s
         self._told = self._told + min(1.0, dt_s / _LAG_S) * (velocity_world - self._told)
 
     def turning(self, goal: Array, pose: CameraPose, obstacle: Box3, now_s: float) -> int:
