@@ -163,7 +163,7 @@ class FailsafeTable:
     separation_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.6))
     pose_sigma_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.7, land=1.5))
     object_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(land=20.0))
-    velocity_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(land=5.0))
+    velocity_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(land=3.0))
     operator_silence_s: Mapping[Action, float] = field(
         default_factory=lambda: _row(hold=20.0, land_all=60.0)
     )

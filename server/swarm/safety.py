@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
-_MARGIN_MAX_M = 0.4
+_MARGIN_MAX_M = 0.6
 # A coasting drone is where it is believed to be to within this, and its speed and turn are those
 # told to within these factors: sticks are no speeds.
 _COAST_MARGIN_M = 0.35
