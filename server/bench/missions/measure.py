@@ -189,7 +189,7 @@ def _by_fault(flown: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
     return {
         fault: {
             "missions": len(group),
-            "faults_that_happened": sum(bool(o.fault) and o.happened for o in flown),
+            "happened": sum(o.happened for o in group),
             "completed": sum(o.state == "succeeded" for o in group),
             "collisions": sum(o.collisions for o in group),
             "fence_violations": sum(o.fence_violations for o in group),
