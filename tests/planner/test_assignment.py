@@ -71,7 +71,7 @@ def test_the_assignment_takes_the_short_way() -> None:
 def test_separation_holds_for_any_viewpoints(count: int, rounds: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     views = [
-        facing(CENTRE, float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(1.3, 4.0)), float(h))
+        facing(CENTRE, float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(1.3, 3.7)), float(h))
         for h in rng.uniform(0.4, 2.4, count * rounds)
     ]
     try:

@@ -325,7 +325,7 @@ def test_the_planners_room_lies_inside_the_safety_limits() -> None:
 @pytest.mark.parametrize(
     ("limit", "value", "says"),
     [
-        ("fence_radius_m", 4.25, "space.fence_radius_m is 4.2 m, must be at most 4.15 m"),
+        ("fence_radius_m", 4.05, "space.fence_radius_m is 4 m, must be at most 3.95 m"),
         ("floor_m", 0.4, "space.floor_m is 0.45 m, must be at least 0.5 m"),
         ("ceiling_m", 1.9, "space.ceiling_m is 2 m, must be at most 1.8 m"),
         ("standoff_m", 0.85, "space.standoff_m is 0.9 m, must be at least 0.95 m"),

@@ -82,7 +82,8 @@ def test_poses_wrong_by_decimetres_and_degrees_still_make_a_box(seed_number):
         for k in range(4)
     ]
     outer = seed_from_views(views, SeedConfig(voxels=32)).outer
-    assert np.abs(outer.centre - (LOWER + UPPER) / 2.0).max() < 0.3
+    # At most 0.2 m of shift and 0.09 rad of turn seen from 2 m, all in one direction.
+    assert np.abs(outer.centre - (LOWER + UPPER) / 2.0).max() < 0.38
     # Distances are wrong by up to a tenth and more, and so are sizes.
     ratio = outer.size / (UPPER - LOWER)
     assert (ratio > 0.5).all()
