@@ -179,30 +179,22 @@ async def _until(client: httpx.AsyncClient, activity: str, count: int) -> None:
 
 
 async def _stream(drones: list[SimulatedDrone]) -> None:
-    """Send every drone's video: a few pictures of moving blobs, coded beforehand, in a loop."""
-    pictures = await asyncio.to_thread(_coded_pictures)
-    begun_s, count = time.monotonic(), 0
-    while True:
-        for drone in drones:
-            if drone.wants_pictures:
-                drone.send_video(pictures[count % len(pictures)])
-        count += 1
-        await asyncio.sleep(max(0.0, begun_s + count / _FPS - time.monotonic()))
-
-
-def _coded_pictures() -> list[list[bytes]]:
+    """Send every drone the same video: a blob that moves over a floor."""
     camera = TELLO_INTRINSICS
     encoder = VideoEncoder(camera.width, camera.height, _FPS, 4000)
-    rng = np.random.default_rng(0)
-    floor = cv2.GaussianBlur(
-        rng.integers(0, 255, (camera.height, camera.width, 3), np.uint8), (0, 0), 6.0
-    )
-    coded = []
-    for number in range(10):
+    noise = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3), np.uint8)
+    floor = cv2.GaussianBlur(noise, (0, 0), 6.0)
+    begun_s, count = time.monotonic(), 0
+    while True:
         picture = floor.copy()
-        cv2.circle(picture, (400 + 12 * number, 380), 130, (40, 40, 220), -1)
-        coded.append(encoder.encode(np.asarray(picture, np.uint8), number / _FPS, key=number == 0))
-    return coded
+        cv2.circle(picture, (480 + round(200 * math.sin(0.1 * count)), 380), 130, (40, 40, 220), -1)
+        image = np.asarray(picture, np.uint8)
+        coded = await asyncio.to_thread(encoder.encode, image, count / _FPS)
+        for drone in drones:
+            if drone.wants_pictures:
+                drone.send_video(coded)
+        count += 1
+        await asyncio.sleep(max(0.0, begun_s + count / _FPS - time.monotonic()))
 
 
 @asynccontextmanager
