@@ -24,7 +24,6 @@ from server.planner.avoidance import (
     wall_rows,
 )
 from server.planner.config import AvoidanceConfig, PlannerConfig
-from server.planner.margins import margin_fault
 
 CONFIG = PlannerConfig()
 SPACE, AVOIDANCE = CONFIG.space, CONFIG.avoidance
@@ -306,35 +305,3 @@ def test_drones_believed_in_the_same_place_part() -> None:
     agents = [agent(n, [1.5, 0.0, 1.0]) for n in "ab"]
     a, b = avoid(agents, [], SPACE, AVOIDANCE, DT_S)
     assert np.linalg.norm(a - b) > 0.2
-
-
-LIMITS = {
-    "fence_radius_m": 4.5,
-    "floor_m": 0.25,
-    "ceiling_m": 3.0,
-    "standoff_m": 0.5,
-    "separation_m": 0.6,
-    "max_speed_m_s": 0.5,
-}
-
-
-def test_the_planners_room_lies_inside_the_safety_limits() -> None:
-    assert margin_fault(CONFIG, **LIMITS) is None
-
-
-@pytest.mark.parametrize(
-    ("limit", "value", "says"),
-    [
-        ("fence_radius_m", 4.05, "space.fence_radius_m is 4 m, must be at most 3.95 m"),
-        ("floor_m", 0.4, "space.floor_m is 0.45 m, must be at least 0.5 m"),
-        ("ceiling_m", 1.9, "space.ceiling_m is 2 m, must be at most 1.8 m"),
-        ("standoff_m", 0.85, "space.standoff_m is 0.9 m, must be at least 0.95 m"),
-        ("separation_m", 0.75, "twice avoidance.radius_m is 0.8 m, must be at least 0.85 m"),
-        ("max_speed_m_s", 0.4, "avoidance.speed_max_m_s is 0.5 m/s"),
-    ],
-)
-def test_a_room_that_is_too_large_is_named_in_one_line(limit: str, value: float, says: str) -> None:
-    fault = margin_fault(CONFIG, **{**LIMITS, limit: value})
-    assert fault is not None
-    assert says in fault
-    assert "\n" not in fault

@@ -27,12 +27,12 @@ def test_the_defaults_fit_together() -> None:
 @pytest.mark.parametrize(
     ("limit", "value", "word"),
     [
-        ("fence_radius_m", 4.05, "space.fence_radius_m is 4 m"),
-        ("floor_m", 0.4, "space.floor_m"),
-        ("ceiling_m", 2.0, "space.ceiling_m"),
-        ("standoff_m", 0.9, "space.standoff_m"),
-        ("separation_m", 2.0, "twice avoidance.radius_m"),
-        ("max_speed_m_s", 0.1, "speed"),
+        ("fence_radius_m", 4.05, "space.fence_radius_m is 4 m, must be at most 3.95 m"),
+        ("floor_m", 0.4, "space.floor_m is 0.45 m, must be at least 0.5 m"),
+        ("ceiling_m", 1.9, "space.ceiling_m is 2 m, must be at most 1.8 m"),
+        ("standoff_m", 0.85, "space.standoff_m is 0.9 m, must be at least 0.95 m"),
+        ("separation_m", 0.75, "twice avoidance.radius_m is 0.8 m, must be at least 0.85 m"),
+        ("max_speed_m_s", 0.4, "avoidance.speed_max_m_s is 0.5 m/s"),
     ],
 )
 def test_a_limit_that_the_planner_would_touch_is_told(limit: str, value: float, word: str) -> None:

@@ -150,14 +150,18 @@ def summary(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         "wall_s": round(sum(o.wall_s for o in flown), 1),
         "images": sum(o.images for o in flown),
         "collisions": sum(o.collisions for o in flown),
-        "min_separation_m": min((o.min_separation_m for o in flown), default=None),
-        "min_standoff_m": min((o.min_standoff_m for o in flown), default=None),
+        "min_separation_m": _least(o.min_separation_m for o in flown),
+        "min_standoff_m": _least(o.min_standoff_m for o in flown),
         "fence_violations": sum(o.fence_violations for o in flown),
         "worst_excess_m": max((o.worst_excess_m for o in flown), default=None),
         "unsafe_ends": sum(o.unsafe_end for o in flown),
         "reaction_ms": _reactions(flown),
         "by_fault": _by_fault(flown),
     }
+
+
+def _least(distances: Iterable[float | None]) -> float | None:
+    return min((d for d in distances if d is not None), default=None)
 
 
 def _reactions(flown: Sequence[Outcome]) -> dict[str, dict[str, float]]:
@@ -194,7 +198,7 @@ def _by_fault(flown: Sequence[Outcome]) -> dict[str, dict[str, Any]]:
             "collisions": sum(o.collisions for o in group),
             "fence_violations": sum(o.fence_violations for o in group),
             "unsafe_ends": sum(o.unsafe_end for o in group),
-            "min_separation_m": min(o.min_separation_m for o in group),
+            "min_separation_m": _least(o.min_separation_m for o in group),
         }
         for fault, group in groups.items()
     }

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from pathlib import Path
+
+from server.bench.missions.cases import Case
+from server.bench.missions.judge import Judgement
+from server.mission.commands import CaptureRecord
+from server.store.runs import RunFolder
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +48,8 @@ class Outcome:
         flight_s: Simulated seconds from the first take-off to the last touch-down.
         wall_s: Seconds it took to simulate.
         collisions: Touches between drones, or of a drone with the object.
-        min_separation_m: Least distance of a flying drone to another one.
-        min_standoff_m: Least distance of a flying drone to the object's surface.
+        min_separation_m: Least distance of a flying drone to another one, None when none flew.
+        min_standoff_m: Least distance of a flying drone to the object's surface, likewise.
         fence_violations: Times a drone left fence or ceiling.
         worst_excess_m: How far at most.
         unsafe_end: True when a drone was neither down nor held at the end.
@@ -65,11 +72,56 @@ class Outcome:
     flight_s: float
     wall_s: float
     collisions: int
-    min_separation_m: float
-    min_standoff_m: float
+    min_separation_m: float | None
+    min_standoff_m: float | None
     fence_violations: int
     worst_excess_m: float
     unsafe_end: bool
     onset: str
     reactions: list[Reaction]
     dropped: dict[str, str]
+
+
+def outcome_of(
+    case: Case,
+    record: CaptureRecord,
+    judgement: Judgement,
+    reactions: list[Reaction],
+    *,
+    happened: bool,
+    victim: str,
+    real_udp: bool,
+    flight_s: float,
+    wall_s: float,
+    unsafe_end: bool,
+) -> Outcome:
+    """Return what came of ``case``, by its record, the judge and what fired."""
+    state = RunFolder(Path(record.status.run)).state() or {}
+    return Outcome(
+        name=case.name,
+        scene=case.scene,
+        fault=case.fault,
+        happened=happened,
+        phase=case.phase,
+        loss=case.loss,
+        real_udp=real_udp,
+        state=record.status.state,
+        error=record.status.error,
+        images=record.status.images,
+        seconds=state.get("seconds", {}),
+        flight_s=round(flight_s, 2),
+        wall_s=round(wall_s, 2),
+        collisions=judgement.collisions,
+        min_separation_m=_metres(judgement.min_separation_m),
+        min_standoff_m=_metres(judgement.min_standoff_m),
+        fence_violations=judgement.fence_violations,
+        worst_excess_m=round(judgement.worst_excess_m, 3),
+        unsafe_end=unsafe_end,
+        onset=victim,
+        reactions=reactions,
+        dropped=state.get("dropped", {}),
+    )
+
+
+def _metres(distance: float) -> float | None:
+    return round(distance, 3) if math.isfinite(distance) else None

@@ -7,7 +7,6 @@ comes from the simulator's own record afterwards.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import tempfile
 import time
@@ -20,12 +19,10 @@ import numpy as np
 from server.app import RunningSimulator, SimulatedFleet, flying, simulated_fleet
 from server.bench.missions.cases import Case
 from server.bench.missions.judge import SURFACE_POINTS, Body, Judge, Judgement
-from server.bench.missions.outcome import Outcome
-from server.bench.missions.trouble import Trouble
-from server.mission.commands import CaptureRequest
+from server.bench.missions.outcome import Outcome, outcome_of
+from server.bench.missions.trouble import Trouble, fly_with_trouble
 from server.settings import load_settings
 from server.sim.scenes.catalogue import load_object
-from server.store.runs import RunFolder
 from server.swarm.config import SafetyConfig
 
 _DRONES = 4
@@ -49,48 +46,24 @@ async def _fly(case: Case, folder: Path) -> Outcome:
         simulator = await stack.enter_async_context(simulated_fleet(wanted))
         control, fleet = await stack.enter_async_context(flying(settings, simulator.fleet))
         trouble = Trouble(case, control, fleet, _injector(simulator))
-        happening = asyncio.create_task(trouble.happen())
-        request = CaptureRequest(pictures=case.pictures, train_seconds=0.0, seed=case.seed)
-        record = await control.start_capture(request)
-        try:
-            async with asyncio.timeout(_LONGEST_FLIGHT_S):
-                record = await control.wait_for_capture(record.status.id)
-        except TimeoutError:
-            record = control.capture(record.status.id)
-        happening.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await happening
+        record = await fly_with_trouble(case, control, trouble, _LONGEST_FLIGHT_S)
         held = {d for d, drone in fleet.drones.items() if drone.held}
         await _come_down(truth, held)
         bodies = _bodies(truth)
         unsafe = _in_the_air(bodies[-1][1], held) if bodies else True
         reactions = trouble.reactions()
-    state = RunFolder(Path(record.status.run)).state() or {}
-    judgement = _judge(case, bodies, settings.safety)
     airborne = [at_s for at_s, now in bodies if any(body.flying for body in now.values())]
-    return Outcome(
-        name=case.name,
-        scene=case.scene,
-        fault=case.fault,
+    return outcome_of(
+        case,
+        record,
+        _judge(case, bodies, settings.safety),
+        reactions,
         happened=trouble.onset_s is not None,
-        phase=case.phase,
-        loss=case.loss,
+        victim=trouble.victim,
         real_udp=True,
-        state=record.status.state,
-        error=record.status.error,
-        images=record.status.images,
-        seconds=state.get("seconds", {}),
-        flight_s=round(airborne[-1] - airborne[0], 2) if airborne else 0.0,
-        wall_s=round(time.monotonic() - begun_s, 2),
-        collisions=judgement.collisions,
-        min_separation_m=round(judgement.min_separation_m, 3),
-        min_standoff_m=round(judgement.min_standoff_m, 3),
-        fence_violations=judgement.fence_violations,
-        worst_excess_m=round(judgement.worst_excess_m, 3),
+        flight_s=airborne[-1] - airborne[0] if airborne else 0.0,
+        wall_s=time.monotonic() - begun_s,
         unsafe_end=unsafe,
-        onset=trouble.victim,
-        reactions=reactions,
-        dropped=state.get("dropped", {}),
     )
 
 

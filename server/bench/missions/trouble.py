@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 
 import numpy as np
 
 from server.bench.missions.cases import CONSOLE_FAULTS, Case
 from server.bench.missions.outcome import Reaction
-from server.mission.commands import RefusedError
+from server.mission.commands import CaptureRecord, CaptureRequest, RefusedError
 from server.mission.control import Control
 from server.mission.phases import Phase
 from server.swarm.fleet import Fleet
@@ -19,6 +20,28 @@ _POLL_S = 0.05
 _LOOK_S = 8.0
 _HEARTBEAT_S = 2.0
 _IN_EVERY_ROUND = (Phase.FLY, Phase.TUNE, Phase.CAPTURE)
+
+
+async def fly_with_trouble(
+    case: Case, control: Control, trouble: Trouble, longest_s: float
+) -> CaptureRecord:
+    """Fly a case's capture while its trouble happens; return the capture's record.
+
+    A capture that is not over after ``longest_s`` is given up as it stands. What goes wrong in the
+    trouble itself is raised: it would make the figures worthless.
+    """
+    happening = asyncio.create_task(trouble.happen())
+    request = CaptureRequest(pictures=case.pictures, train_seconds=0.0, seed=case.seed)
+    record = await control.start_capture(request)
+    try:
+        async with asyncio.timeout(longest_s):
+            record = await control.wait_for_capture(record.status.id)
+    except TimeoutError:
+        record = control.capture(record.status.id)
+    happening.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await happening
+    return record
 
 
 class Trouble:

@@ -19,8 +19,8 @@ import numpy as np
 from server.bench.missions.cases import Case
 from server.bench.missions.inline_jobs import InlineRunner
 from server.bench.missions.judge import SURFACE_POINTS, Body, Judge
-from server.bench.missions.outcome import Outcome
-from server.bench.missions.trouble import Trouble
+from server.bench.missions.outcome import Outcome, outcome_of
+from server.bench.missions.trouble import Trouble, fly_with_trouble
 from server.bench.missions.virtual_sight import (
     FPS,
     SightErrors,
@@ -29,10 +29,9 @@ from server.bench.missions.virtual_sight import (
     VirtualEye,
     hull_points,
 )
-from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig, MissionConfig
 from server.mission.control import Control
-from server.mission.events import CaptureChanged, EventStream
+from server.mission.events import EventStream
 from server.planner.config import PlannerConfig
 from server.sim.air import AirLink
 from server.sim.config import SimConfig, fleet_config
@@ -40,7 +39,6 @@ from server.sim.faults import parse_fault
 from server.sim.scenes.catalogue import load_object
 from server.sim.tello import Tello
 from server.sim.virtual_time import in_virtual_time
-from server.store.runs import RunFolder
 from server.swarm.config import SafetyConfig
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
@@ -106,28 +104,27 @@ class _VirtualFlight:
             await stack.enter_async_context(control)
             watch = asyncio.create_task(self._watch())
             trouble = Trouble(self._case, control, fleet, self._inject)
-            happening = asyncio.create_task(trouble.happen())
-            request = CaptureRequest(
-                pictures=self._case.pictures, train_seconds=0.0, seed=self._case.seed
-            )
-            record = await control.start_capture(request)
-            try:
-                async with asyncio.timeout(_LONGEST_FLIGHT_S):
-                    record = await control.wait_for_capture(record.status.id)
-            except TimeoutError:
-                record = control.capture(record.status.id)
-            happening.cancel()
+            record = await fly_with_trouble(self._case, control, trouble, _LONGEST_FLIGHT_S)
             await self._come_down(fleet)
             unsafe = self._ends_unsafely(fleet)
             watch.cancel()
-            for task in (watch, happening):
-                # What went wrong in them makes the figures worthless: it must not pass unseen.
-                with contextlib.suppress(asyncio.CancelledError):
-                    await task
-            kept = control.run_folder(record.status.id)
+            with contextlib.suppress(asyncio.CancelledError):
+                await watch
+            outcome = outcome_of(
+                self._case,
+                record,
+                self._judge.judgement,
+                trouble.reactions(),
+                happened=trouble.onset_s is not None,
+                victim=trouble.victim,
+                real_udp=False,
+                flight_s=self._down_s - (self._took_off_s or self._down_s),
+                wall_s=time.perf_counter() - begun_s,
+                unsafe_end=unsafe,
+            )
         for link in links.values():
             link.end()
-        return self._outcome(record.status, kept, unsafe, trouble, time.perf_counter() - begun_s)
+        return outcome
 
     def _inject(self, fault: str, drone_id: str) -> None:
         now_s = asyncio.get_running_loop().time()
@@ -164,41 +161,6 @@ class _VirtualFlight:
         return any(
             tello.airframe.phase != "standing" and not fleet.drones[d].held
             for d, tello in self._tellos.items()
-        )
-
-    def _outcome(
-        self,
-        status: CaptureChanged,
-        kept: Path,
-        unsafe: bool,
-        trouble: Trouble,
-        wall_s: float,
-    ) -> Outcome:
-        state = RunFolder(kept).state() or {}
-        judgement = self._judge.judgement
-        return Outcome(
-            name=self._case.name,
-            scene=self._case.scene,
-            fault=self._case.fault,
-            happened=trouble.onset_s is not None,
-            phase=self._case.phase,
-            loss=self._case.loss,
-            real_udp=False,
-            state=status.state,
-            error=status.error,
-            images=status.images,
-            seconds=state.get("seconds", {}),
-            flight_s=round(self._down_s - (self._took_off_s or self._down_s), 2),
-            wall_s=round(wall_s, 2),
-            collisions=judgement.collisions,
-            min_separation_m=round(judgement.min_separation_m, 3),
-            min_standoff_m=round(judgement.min_standoff_m, 3),
-            fence_violations=judgement.fence_violations,
-            worst_excess_m=round(judgement.worst_excess_m, 3),
-            unsafe_end=unsafe,
-            onset=trouble.victim,
-            reactions=trouble.reactions(),
-            dropped=state.get("dropped", {}),
         )
 
 
