@@ -24,7 +24,15 @@ _SENT_KINDS = (1, 5, 7, 8)  # Slices and parameter sets; the encoder's remarks s
 
 
 class VideoEncoder:
-    """Encodes one stream; not shared between threads at the same time."""
+    """Encodes one stream; not shared between threads at the same time.
+
+    Args:
+        width: Of the pictures, pixels.
+        height: Of the pictures, pixels.
+        fps: Pictures per second the rate is meant for. A machine that renders fewer still
+            spends no more on each, so that pictures are as large as a real drone's.
+        bitrate_kbit_s: Upper bound of the rate, kbit/s.
+    """
 
     def __init__(self, width: int, height: int, fps: float, bitrate_kbit_s: int) -> None:
         codec = av.CodecContext.create("libx264", "w")
@@ -34,13 +42,12 @@ class VideoEncoder:
         codec.framerate = Fraction(fps).limit_denominator(100)
         codec.thread_count = 1
         codec.options = {
-            "preset": "ultrafast",
+            "preset": "superfast",
             "tune": "zerolatency",
             "profile": "main",
             "crf": "21",
             "x264-params": (
-                # The preset leaves the arithmetic coder out, and with it the Main profile.
-                "cabac=1:level=4.0:bframes=0:ref=1:slices=1:sliced-threads=0:scenecut=0:repeat-headers=1:"
+                "level=4.0:bframes=0:ref=1:slices=1:sliced-threads=0:scenecut=0:repeat-headers=1:"
                 f"keyint=infinite:vbv-maxrate={bitrate_kbit_s}:vbv-bufsize={bitrate_kbit_s // 2}"
             ),
         }

@@ -51,7 +51,7 @@ class _Form:
 
     Attributes:
         size_px: Width and height.
-        fps: Pictures per second.
+        fps: Pictures per second that were asked for; how many come is the machine's affair.
         bitrate_kbit_s: Upper bound of its rate, kbit/s.
         looks_down: True for the grey pictures of the downward camera.
     """
@@ -66,8 +66,7 @@ class _Form:
         """Return the form that a drone's client has asked for, within the simulator's bounds."""
         settings = drone.sdk.settings
         bitrate = min(config.bitrate_kbit_s, settings.bitrate_kbit_s or config.bitrate_kbit_s)
-        fps = min(config.fps_cap, settings.fps)
-        return cls(settings.size_px, fps, bitrate, settings.looks_down)
+        return cls(settings.size_px, settings.fps, bitrate, settings.looks_down)
 
 
 class _Encoding:
