@@ -185,6 +185,8 @@ def sim(arguments: argparse.Namespace) -> int:
     command += ["--sdk", arguments.sdk]
     if arguments.friendly_reads:
         command.append("--friendly-reads")
+    if arguments.station:
+        command.append("--station")
     os.execv(sys.executable, command)
 
 
@@ -379,6 +381,9 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--truth", type=Path, help="write true poses to this file")
     part.add_argument("--sdk", choices=LEVELS, default="3.0", help="text protocol (3.0)")
     part.add_argument("--friendly-reads", action="store_true", help="plain whole numbers")
+    part.add_argument(
+        "--station", action="store_true", help="drones in a network of others (asked for `ap`)"
+    )
     part.add_argument(
         "--namespace", action="append", default=[], metavar="NAME", help="of the next drone"
     )

@@ -27,6 +27,8 @@ _OVERTAKEN_S = 2.0
 _ASK_AGAIN_S = 10.0
 # From this level of the protocol on, a drone can be told where to send state and video.
 _SDK_WITH_PORTS = 30
+# And from this one, how much video to send.
+_SDK_WITH_RATE = 30
 
 
 class Connection:
@@ -167,10 +169,14 @@ class Connection:
             elif silent_s >= self._timing.keep_alive_s:
                 self._speak(now_s)
         # A landing is not disturbed for the sake of pictures.
-        if doing != "landing" and self._pictures.must_ask_again(
-            now_s, self._timing.video_silence_s
-        ):
+        if doing == "landing" or not self._pictures.wanted:
+            return
+        if self._pictures.must_ask_again(now_s, self._timing.video_silence_s):
             self._asking.command("streamon")
+        order = self._pictures.rate.order(now_s, flies=doing not in ("ground", "cut"))
+        if order is not None and (self.facts.sdk or 0) >= _SDK_WITH_RATE:
+            _LOG.info("%s: %s, for the losses of its video", self._config.id, order)
+            self._asking.command(order)
 
     def _speak(self, now_s: float) -> None:
         # Whoever waits for a reply keeps the drone awake, too.

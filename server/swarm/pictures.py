@@ -9,6 +9,7 @@ from typing import Protocol
 
 from server.stages import Frame
 from server.swarm.errors import DroneError
+from server.swarm.video_rate import VideoRate
 
 _FPS_WINDOW_S = 3.0
 
@@ -40,11 +41,13 @@ class Pictures:
     Attributes:
         newest: Newest decoded picture, None before the first.
         wanted: True while the video is meant to be on.
+        rate: What bit rate it should have.
     """
 
     def __init__(self, drone_id: str, clock: Callable[[], float], decoder: DecoderMaker) -> None:
         self.newest: Frame | None = None
         self.wanted = False
+        self.rate = VideoRate()
         self._drone_id = drone_id
         self._clock = clock
         self._decoder = decoder(drone_id, self._take_frame)
@@ -114,6 +117,8 @@ class Pictures:
 
     def _take_frame(self, frame: Frame) -> None:
         self.newest = frame
-        self._times.append(self._clock())
+        now_s = self._clock()
+        self._times.append(now_s)
+        self.rate.observe(now_s, frame.damaged)
         self._arrived.set()
         self._arrived = asyncio.Event()
