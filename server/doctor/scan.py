@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from ipaddress import IPv4Network
-from typing import cast
+from ipaddress import IPv4Address, IPv4Network
 
 from server.doctor.config import DoctorConfig
 from server.doctor.ears import ask
 from server.swarm.config import DroneConfig
-from server.swarm.protocol import ProtocolError, decode_reply, encode_command
+from server.swarm.station import Progress, roll_call
 
 _WIDEST = 22
-_COMMAND_PORT = 8889
-_SETTLE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,27 +48,8 @@ def parse_subnet(text: str) -> IPv4Network:
     return network
 
 
-class _Roll(asyncio.DatagramProtocol):
-    """Collects the addresses that answer ``command`` as a drone does."""
-
-    def __init__(self, asked: Collection[str]) -> None:
-        self.answered: dict[str, None] = {}
-        self._asked = asked
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        with contextlib.suppress(ProtocolError):
-            if decode_reply(data).kind == "ok" and addr[0] in self._asked:
-                self.answered[addr[0]] = None
-
-    def error_received(self, exc: Exception) -> None:
-        pass  # Hosts without a drone refuse; that is what a scan meets.
-
-
 async def scan(
-    network: IPv4Network,
-    config: DoctorConfig,
-    progress: Callable[[int, int, int], None],
-    skip: Collection[str] = (),
+    network: IPv4Network, config: DoctorConfig, progress: Progress, skip: Collection[str] = ()
 ) -> list[FoundDrone]:
     """Ask every address of ``network`` twice whether it is a drone, then each drone who it is.
 
@@ -83,26 +59,8 @@ async def scan(
         progress: Told (asked, of how many, answered so far).
         skip: Addresses that are not asked, such as our own.
     """
-    hosts = [str(host) for host in network.hosts() if str(host) not in skip]
-    loop = asyncio.get_running_loop()
-    transport, roll = await loop.create_datagram_endpoint(
-        lambda: _Roll(frozenset(hosts)), local_addr=("0.0.0.0", 0)
-    )
-    transport = cast("asyncio.DatagramTransport", transport)
-    try:
-        for turn in range(2):
-            for index, host in enumerate(hosts):
-                if host not in roll.answered:
-                    with contextlib.suppress(OSError):
-                        transport.sendto(encode_command("command"), (host, _COMMAND_PORT))
-                    await asyncio.sleep(config.scan_pause_s)
-                progress(turn * len(hosts) + index + 1, 2 * len(hosts), len(roll.answered))
-            await asyncio.sleep(_SETTLE_S)
-        progress(2 * len(hosts), 2 * len(hosts), len(roll.answered))
-        addresses = sorted(roll.answered, key=lambda text: tuple(map(int, text.split("."))))
-    finally:
-        transport.close()
-    return [await _introduce(address, config) for address in addresses]
+    answered = await roll_call(network, 1.0 / config.scan_pause_s, skip=skip, progress=progress)
+    return [await _introduce(address, config) for address in sorted(answered, key=IPv4Address)]
 
 
 async def _introduce(address: str, config: DoctorConfig) -> FoundDrone:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from ipaddress import IPv4Network
 from typing import cast
 
@@ -23,14 +23,15 @@ _LOG = logging.getLogger(__name__)
 _ROUNDS = 2
 _LAST_ANSWER_S = 1.0
 
-Progress = Callable[[int, int], None]
+# Told (addresses asked, addresses in all, answered so far).
+Progress = Callable[[int, int, int], None]
 
 
 class _Hearing(asyncio.DatagramProtocol):
     """Collects who answers; asks everybody who does for its serial number."""
 
     def __init__(self, network: IPv4Network, command_port: int) -> None:
-        self.serials: dict[str, str] = {}  # By address.
+        self.serials: dict[str, str] = {}  # By address; empty while it has told none.
         self._network = {str(host) for host in network.hosts()}
         self._command_port = command_port
         self._transport: asyncio.DatagramTransport | None = None
@@ -44,6 +45,7 @@ class _Hearing(asyncio.DatagramProtocol):
         try:
             reply = decode_reply(data)
             if reply.kind == "ok":
+                self.serials.setdefault(addr[0], "")
                 self.ask(addr[0], b"sn?")
             elif reply.kind == "value":
                 self.serials[addr[0]] = read_serial(reply.text)
@@ -62,6 +64,56 @@ class _Hearing(asyncio.DatagramProtocol):
             _LOG.debug("search: %s: %s", address, error)
 
 
+async def roll_call(
+    network: IPv4Network,
+    hosts_per_s: float,
+    *,
+    through: DroneConfig | None = None,
+    skip: Collection[str] = (),
+    enough: Callable[[Mapping[str, str]], bool] = lambda _: False,
+    progress: Progress | None = None,
+) -> dict[str, str]:
+    """Return the serial number, by address, of every drone in a network; empty if it tells none.
+
+    Args:
+        network: Whose addresses are asked, twice each.
+        hosts_per_s: How many addresses are asked per second.
+        through: Whose local address, interface and command port to use.
+        skip: Addresses that are not asked.
+        enough: Says of those found so far whether to end early.
+        progress: Called with (addresses asked, addresses in all, both over all rounds, answered).
+
+    Raises:
+        LinkError: If the socket cannot be opened.
+    """
+    asker = through if through is not None else DroneConfig(id="search")
+    hosts = [str(host) for host in network.hosts() if str(host) not in skip]
+    loop = asyncio.get_running_loop()
+    transport, hearing = await loop.create_datagram_endpoint(
+        lambda: _Hearing(network, asker.command_port), sock=bound_socket(asker, 0)
+    )
+    serials = hearing.serials
+    try:
+        asked = 0
+        for _ in range(_ROUNDS):
+            for host in hosts:
+                if enough(serials):
+                    return dict(serials)
+                # Whoever answered ``command`` but whose serial number got lost is asked once more.
+                if not serials.get(host):
+                    hearing.ask(host, b"command")
+                    await asyncio.sleep(1.0 / hosts_per_s)
+                asked += 1
+                if progress is not None:
+                    progress(asked, _ROUNDS * len(hosts), len(serials))
+            deadline_s = loop.time() + _LAST_ANSWER_S
+            while loop.time() < deadline_s and not enough(serials):  # noqa: ASYNC110
+                await asyncio.sleep(0.05)
+        return dict(serials)
+    finally:
+        transport.close()
+
+
 async def find_stations(
     config: StationConfig,
     wanted: Collection[str] = (),
@@ -75,44 +127,20 @@ async def find_stations(
     Args:
         config: Which network, how fast.
         wanted: Ends early when all these serial numbers are found; empty means to ask everybody.
-        through: Whose local address, interface and command port to use.
+        through: See ``roll_call``, as are the others.
         skip: Addresses that are not asked.
-        progress: Called with (addresses asked, addresses in all, both over all rounds).
+        progress: Told how far the search is.
 
     Raises:
         ValueError: If the network is not given or wrong.
         LinkError: If the socket cannot be opened.
     """
-    network = config.network()
-    asker = through if through is not None else DroneConfig(id="search")
-    hosts = [str(host) for host in network.hosts() if str(host) not in skip]
-    loop = asyncio.get_running_loop()
-    transport, hearing = await loop.create_datagram_endpoint(
-        lambda: _Hearing(network, asker.command_port), sock=bound_socket(asker, 0)
+    serials = await roll_call(
+        config.network(),
+        config.hosts_per_s,
+        through=through,
+        skip=skip,
+        enough=lambda found: bool(wanted) and set(wanted) <= set(found.values()),
+        progress=progress,
     )
-
-    def found() -> dict[str, str]:
-        return {serial: address for address, serial in hearing.serials.items()}
-
-    def complete() -> bool:
-        return bool(wanted) and set(wanted) <= set(found())
-
-    try:
-        asked = 0
-        for _ in range(_ROUNDS):
-            for host in hosts:
-                if complete():
-                    return found()
-                if host not in hearing.serials:
-                    hearing.ask(host, b"command")
-                    await asyncio.sleep(1.0 / config.hosts_per_s)
-                asked += 1
-                if progress is not None:
-                    progress(asked, _ROUNDS * len(hosts))
-            # Whoever answered ``command`` but whose serial number got lost is asked once more.
-            deadline_s = loop.time() + _LAST_ANSWER_S
-            while loop.time() < deadline_s and not complete():  # noqa: ASYNC110
-                await asyncio.sleep(0.05)
-        return found()
-    finally:
-        transport.close()
+    return {serial: address for address, serial in serials.items() if serial}

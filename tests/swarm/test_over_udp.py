@@ -218,62 +218,56 @@ async def test_a_port_in_use_is_told_in_one_line() -> None:
         assert "\n" not in str(caught.value)
 
 
-async def test_drones_on_one_local_port_are_told_apart_by_their_address() -> None:
+@asynccontextmanager
+async def two_on_one_port() -> AsyncIterator[tuple[list[UdpDroneLink], dict[str, list[bytes]]]]:
+    """Two links that share one local address, and what each drone's state port heard."""
     config = some_simulation(2)
     board = PortBoard()
     local = config.address(0)[:-1] + "150"
-    drones = fleet_config(config).drones
-    heard: dict[str, list[bytes]] = {drone.id: [] for drone in drones}
-    links = [UdpDroneLink(replace(drone, local_address=local), board) for drone in drones]
-    for drone, link in zip(drones, links, strict=True):
-        into = heard[drone.id]
+    drones = [replace(drone, local_address=local) for drone in fleet_config(config).drones]
+    heard: dict[str, list[bytes]] = {drone.address: [] for drone in drones}
+    links = [UdpDroneLink(drone, board) for drone in drones]
+    for link, into in zip(links, heard.values(), strict=True):
         await link.open(
             lambda *_: None, lambda data, _, into=into: into.append(data), lambda *_: None
         )
     try:
-        for drone in (*drones, DroneConfig(address=config.address(0)[:-1] + "99")):
-            sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            with sender:
-                sender.bind((drone.address, 0))
-                sender.sendto(drone.address.encode(), (local, 8890))
-        await until(lambda: all(heard.values()))
-        assert heard == {drone.id: [drone.address.encode()] for drone in drones}
-        links[0].close()
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.bind((drones[1].address, 0))
-            sender.sendto(b"again", (local, 8890))
-        await until(lambda: len(heard[drones[1].id]) == 2)
+        yield links, heard
     finally:
         for link in links:
             link.close()
             link.close()  # Closing twice is allowed.
 
 
+def report_from(address: str, text: str) -> None:
+    """Send a datagram to the state port that the drones of ``two_on_one_port`` share."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.bind((address, 0))
+        sender.sendto(text.encode(), (f"{address.rsplit('.', 1)[0]}.150", 8890))
+
+
+async def test_drones_on_one_local_port_are_told_apart_by_their_address() -> None:
+    async with two_on_one_port() as (links, heard):
+        first, second = heard
+        for address in (first, second, f"{first.rsplit('.', 1)[0]}.99"):
+            report_from(address, address)
+        await until(lambda: all(heard.values()))
+        assert heard == {first: [first.encode()], second: [second.encode()]}
+        links[0].close()
+        report_from(second, "again")
+        await until(lambda: len(heard[second]) == 2)
+
+
 async def test_two_drones_that_exchange_their_addresses_are_both_heard() -> None:
     """As DHCP may have it: the second one's leaving must not deafen the first."""
-    config = some_simulation(2)
-    board = PortBoard()
-    local = config.address(0)[:-1] + "150"
-    drones = fleet_config(config).drones
-    heard: dict[str, list[bytes]] = {drone.id: [] for drone in drones}
-    links = [UdpDroneLink(replace(drone, local_address=local), board) for drone in drones]
-    for drone, link in zip(drones, links, strict=True):
-        into = heard[drone.id]
-        await link.open(
-            lambda *_: None, lambda data, _, into=into: into.append(data), lambda *_: None
-        )
-    try:
-        await links[0].move_to(drones[1].address)
-        await links[1].move_to(drones[0].address)
-        for sender_of, receiver in ((drones[1], drones[0]), (drones[0], drones[1])):
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-                sender.bind((sender_of.address, 0))
-                sender.sendto(receiver.id.encode(), (local, 8890))
+    async with two_on_one_port() as (links, heard):
+        first, second = heard
+        await links[0].move_to(second)
+        await links[1].move_to(first)
+        report_from(second, "was first")
+        report_from(first, "was second")
         await until(lambda: all(heard.values()))
-        assert heard == {drone.id: [drone.id.encode()] for drone in drones}
-    finally:
-        for link in links:
-            link.close()
+        assert heard == {first: [b"was first"], second: [b"was second"]}
 
 
 async def test_a_closed_link_counts_what_it_cannot_send() -> None:

@@ -50,14 +50,14 @@ async def until(holds: Callable[[], bool]) -> None:
 async def test_a_search_finds_who_is_there_and_reports_how_far_it_is() -> None:
     net = block()
     config = StationConfig(f"{net}.0/28", hosts_per_s=500.0)
-    seen: list[tuple[int, int]] = []
+    seen: list[tuple[int, int, int]] = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind((f"{net}.9", 8889))  # Somebody who is no drone and never answers.
         async with drones_at({f"{net}.3": "0TQAAAAAAAAAA3", f"{net}.11": "0TQAAAAAAAAAB1"}):
             found = await find_stations(config, progress=lambda *at: seen.append(at))
             assert found == {"0TQAAAAAAAAAA3": f"{net}.3", "0TQAAAAAAAAAB1": f"{net}.11"}
-            assert seen[-1] == (28, 28)
-            assert [at for at, _ in seen] == list(range(1, 29))
+            assert seen[-1] == (28, 28, 2)
+            assert [at for at, _, _ in seen] == list(range(1, 29))
             seen.clear()
             found = await find_stations(
                 config, ["0TQAAAAAAAAAA3"], progress=lambda *at: seen.append(at)
