@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 # Between landing places: twice what a Tello measures, and what is unsure about where each is.
 CLEARANCE_M = 0.9
+# Where a drone came down that fell silent in flight is known to about so much less.
+_LOST_M = 0.9
 _RINGS_M = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0)
 _DIRECTIONS = 16
 
@@ -23,6 +25,7 @@ def landing_places(
     standing: Sequence[Array],
     object_box: Box3 | None,
     space: FlightSpace,
+    lost: Sequence[Array] = (),
 ) -> dict[str, Array]:
     """Return above which place ``(2,)``, world metres, each drone shall go down.
 
@@ -33,18 +36,22 @@ def landing_places(
         standing: Those of the drones that are down.
         object_box: The object's outer box, None while it is unknown.
         space: Fence and standoff.
+        lost: Where drones are believed that have not been heard for a while.
     """
-    taken = [position[:2] for position in standing]
+    taken = [(position[:2], CLEARANCE_M) for position in standing]
+    taken += [(position[:2], CLEARANCE_M + _LOST_M) for position in lost]
     places: dict[str, Array] = {}
     for drone_id, position in flying.items():
-        others = [p[:2] for d, p in flying.items() if d not in places and d != drone_id]
+        others = [
+            (p[:2], CLEARANCE_M) for d, p in flying.items() if d not in places and d != drone_id
+        ]
         clear = (
             place
             for place in _around(position[:2])
             if _is_clear(place, [*taken, *others], object_box, space)
         )
         places[drone_id] = next(clear, position[:2])
-        taken.append(places[drone_id])
+        taken.append((places[drone_id], CLEARANCE_M))
     return places
 
 
@@ -55,9 +62,12 @@ def _around(centre: Array) -> list[Array]:
 
 
 def _is_clear(
-    place: Array, taken: Sequence[Array], object_box: Box3 | None, space: FlightSpace
+    place: Array,
+    taken: Sequence[tuple[Array, float]],
+    object_box: Box3 | None,
+    space: FlightSpace,
 ) -> bool:
-    if any(np.linalg.norm(place - other) < CLEARANCE_M for other in taken):
+    if any(np.linalg.norm(place - other) < apart_m for other, apart_m in taken):
         return False
     if np.linalg.norm(place) > space.fence_radius_m:
         return False

@@ -117,8 +117,12 @@ class Pilot:
     def pose(self, drone_id: str, at_s: float | None = None) -> CameraPose:
         """Return the believed camera pose of a drone, now or at a recent time."""
         if at_s is None:
-            at_s = asyncio.get_running_loop().time()
+            return self._wings[drone_id].pose(asyncio.get_running_loop().time())
         return self._wings[drone_id].filter.pose(at_s)
+
+    def is_heard(self, drone_id: str) -> bool:
+        """Return whether a drone's state reports are fresh."""
+        return self._wings[drone_id].is_heard(asyncio.get_running_loop().time())
 
     def arrived(self, drone_id: str) -> bool:
         """Return whether the drone believes to be at its viewpoint."""

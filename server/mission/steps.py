@@ -316,12 +316,15 @@ class Steps:
         """Fly on until nobody would land on a drone that already stands there."""
         pilot, fleet = self._tools.pilot, self._tools.fleet
         poses = {d: pilot.pose(d) for d in self._state.crew if fleet.drones[d].activity == "flying"}
-        down = [d for d, drone in fleet.drones.items() if not drone.airborne]
+        # A drone that has fallen silent may still be in the air, or down nobody knows where.
+        lost = [d for d in fleet.drones if not pilot.is_heard(d)]
+        down = [d for d in fleet.drones if d not in poses and d not in lost]
         places = landing_places(
-            {d: pose.position_world for d, pose in poses.items()},
+            {d: pose.position_world for d, pose in poses.items() if d not in lost},
             [pilot.pose(d).position_world for d in down],
             self._state.object_box,
             self._tools.config.planner.space,
+            [pilot.pose(d).position_world for d in lost],
         )
         moving: list[str] = []
         for drone_id, place in places.items():

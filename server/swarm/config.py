@@ -273,8 +273,10 @@ class SafetyConfig:
         max_speed_m_s: No setpoint is faster, metres per second.
         max_yaw_rate_rad_s: No setpoint turns faster, radians per second.
         evade_m_s: A drone that hovers for a failsafe still evades others up to this speed.
-        coast_s: No velocity would carry a drone over fence or ceiling within this time, seconds. A
-            Tello that hears nothing keeps its sticks and lands by itself after 15 s.
+        coast_s: No velocity would carry a drone over fence or ceiling or to the object within this
+            time, seconds. A Tello that hears nothing keeps its sticks and lands by itself after
+            15 s.
+        coast_clearance_m: That much room it leaves to the object's box, metres.
         brake_s: A drone ``d`` metres before a limit may approach it at ``d / brake_s``.
         state_fresh_s: What a state report says counts for this long, seconds.
         state_lost_s: A drone on the ground without a report for this long is offline, seconds.
@@ -291,6 +293,7 @@ class SafetyConfig:
     max_yaw_rate_rad_s: float = 1.0
     evade_m_s: float = 0.25
     coast_s: float = 16.0
+    coast_clearance_m: float = 0.45
     brake_s: float = 0.9
     state_fresh_s: float = 1.0
     state_lost_s: float = 3.0

@@ -33,8 +33,10 @@ _MARGIN_MAX_M = 0.6
 _COAST_MARGIN_M = 0.35
 _SPEED_FACTOR = 1.1
 _TURN_FACTORS = np.array([0.85, 1.0, 1.15])
-# When, as shares of the coasting time, it must be inside the fence.
-_COAST_SHARES = np.linspace(0.0, 1.0, 9)[1:]
+# When, as shares of the coasting time, it must be inside the fence and clear of the object.
+_COAST_SHARES = np.linspace(0.0, 1.0, 17)[1:]
+# Shares of the wished velocity that are tried until the coasting drone passes the object.
+_SLOWER = np.concatenate([np.geomspace(1.0, 0.03, 20), [0.0]])
 # No wish is faster than this; far more would overflow when squared.
 _ABSURD_M_S = 1e3
 
@@ -142,8 +144,9 @@ def limit_setpoint(
 
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
     retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
-    what is unsure about the pose, and no velocity would carry the drone over it or through the
-    ceiling within ``coast_s``: a Tello whose link dies flies on with its last sticks.
+    what is unsure about the pose, and no velocity would carry the drone over it, through the
+    ceiling or to the object within ``coast_s``: a Tello whose link dies flies on with its last
+    sticks.
 
     Args:
         setpoint: Wanted body velocity and yaw rate.
@@ -159,7 +162,7 @@ def limit_setpoint(
         velocity = velocity * (config.max_speed_m_s / speed)
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
-    velocity = _coastable(pose.position_world, velocity, rate, config)
+    velocity = _coastable(pose.position_world, velocity, rate, target, config)
     fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
     limits = _limits(pose.position_world, target, fence_m, config)
     # Limits may disturb one another; a second pass settles all but contradictory ones.
@@ -169,33 +172,62 @@ def limit_setpoint(
     return Setpoint(turn.T @ velocity, rate)
 
 
-def _coastable(position: Array, velocity: Array, yaw_rate: float, config: SafetyConfig) -> Array:
-    """Return ``velocity`` ``(3,)``, slowed until a drone that coasts with it stays inside.
+def _coastable(
+    position: Array, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
+) -> Array:
+    """Return ``velocity`` ``(3,)``, slowed until a drone that coasts with it stays in free room.
 
     Sticks are in the body's axes: whoever also turns flies a circle, not a line. A drone that goes
     round the object facing it is at full speed as safe as one that creeps straight on.
     """
-    reach_m, coast_s = config.fence_radius_m - _COAST_MARGIN_M, config.coast_s
-    place, velocity = position[:2], velocity.copy()
     headroom_m = config.ceiling_m - _COAST_MARGIN_M - float(position[2])
     if headroom_m > 0.0:
-        velocity[2] = min(float(velocity[2]), headroom_m / coast_s)
-    if np.hypot(place[0], place[1]) >= reach_m:
-        return velocity  # Out there the fence's own limit leads back.
+        velocity = velocity.copy()
+        velocity[2] = min(float(velocity[2]), headroom_m / config.coast_s)
+    moved = _coasted(velocity, yaw_rate, config.coast_s)
+    velocity = velocity * [*2 * [_share_inside(position[:2], moved[:, :2], config)], 1.0]
+    if target is not None:
+        # The scaled path is again the path of the scaled velocity.
+        moved = _coasted(velocity, yaw_rate, config.coast_s)
+        velocity = velocity * _share_clear(position, moved, target, config.coast_clearance_m)
+    return velocity
+
+
+def _coasted(velocity: Array, yaw_rate: float, coast_s: float) -> Array:
+    """Return where a coasting drone may be at several moments, relative to now, ``(n, 3)``."""
     times_s = coast_s * _COAST_SHARES
     angles = yaw_rate * times_s * _TURN_FACTORS[:, None]
     # Displacement per unit of velocity: the integral of the rotation over time.
     along = _SPEED_FACTOR * times_s * np.sinc(angles / np.pi)
     aside = _SPEED_FACTOR * times_s * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
-    x, y = velocity[0], velocity[1]
-    moved = np.stack([along * x - aside * y, aside * x + along * y]).reshape(2, -1)
-    # Largest share s of the way with |place + s moved| <= reach, at every moment.
-    a = (moved**2).sum(axis=0)
-    half_b = place @ moved
+    x, y, z = velocity
+    climbed = np.broadcast_to(z * times_s, along.shape)
+    return np.stack([along * x - aside * y, aside * x + along * y, climbed], axis=-1).reshape(-1, 3)
+
+
+def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
+    """Return the largest share s, at most 1, with |place + s moved| inside the fence throughout."""
+    reach_m = config.fence_radius_m - _COAST_MARGIN_M
+    if np.hypot(place[0], place[1]) >= reach_m:
+        return 1.0  # Out there the fence's own limit leads back.
+    a = (moved**2).sum(axis=1)
+    half_b = moved @ place
     c = float(place @ place) - reach_m**2
     shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
-    velocity[:2] *= min(1.0, float(shares.min()))
-    return velocity
+    return min(1.0, float(shares.min()))
+
+
+def _share_clear(place: Array, moved: Array, target: Box3, clearance_m: float) -> float:
+    """Return a share s, at most 1, with place + s moved clear of the object throughout."""
+
+    def clear(points: Array) -> NDArray[np.bool_]:
+        away = points - np.clip(points, target.lower, target.upper)
+        return (away**2).sum(axis=-1) >= clearance_m**2
+
+    if not clear(place):
+        return 1.0  # So near the standoff's limit leads away.
+    passes = clear(place + _SLOWER[:, None, None] * moved).all(axis=1)
+    return float(_SLOWER[int(np.argmax(passes))])
 
 
 def _limits(

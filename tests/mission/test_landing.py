@@ -31,6 +31,11 @@ def test_nobody_lands_on_a_drone_that_stands_there() -> None:
     assert np.linalg.norm(places["a"] - [2.0, 0.1]) <= 1.2
 
 
+def test_nobody_lands_near_a_drone_that_was_lost() -> None:
+    places = landing_places({"a": at(2.0, 0.1)}, [], OBJECT, SPACE, lost=[at(2.0, 0.0)])
+    assert np.linalg.norm(places["a"] - [2.0, 0.0]) >= 2 * CLEARANCE_M
+
+
 rings = st.tuples(st.floats(1.5, 3.5), st.floats(0.0, 6.28)).map(
     lambda polar: at(polar[0] * np.cos(polar[1]), polar[0] * np.sin(polar[1]))
 )
