@@ -41,6 +41,7 @@ from server.doctor.command import run_doctor
 from server.doctor.config import LiveConfig
 from server.doctor.examination import Subject
 from server.doctor.scan import parse_subnet
+from server.flight_commands import add_flight_commands
 from server.jobs.runner import JobFailedError, LocalRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
@@ -448,6 +449,8 @@ def _parser() -> argparse.ArgumentParser:
         "--board-image", type=Path, metavar="FILE", help="write the board as .png or .pdf, and end"
     )
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    add_flight_commands(commands, _command)
 
     # Listed here, but its options are the child's own: main hands them on as they are.
     part = commands.add_parser("bench", help="the measurements; see `dronerf bench --help`")

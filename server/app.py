@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import gc
 import logging
 import os
 import random
@@ -222,7 +223,9 @@ async def flying(
             fleet = await stack.enter_async_context(Fleet(fleet_config, settings.safety))
         except LinkError as error:
             raise StartError(str(error)) from error
-        control = Control(fleet, settings.runs, settings.flight(), EventStream())
+        control = Control(
+            fleet, settings.runs, settings.flight(), EventStream(), recording=settings.recording
+        )
         await stack.enter_async_context(control)
         try:
             yield control, fleet
@@ -263,6 +266,10 @@ async def console(
         server = _Server(uvicorn_config(web))
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
         host, port = sock.getsockname()
+        # What is here now stays to the end. Looking through all of it again and again would stop
+        # every thread for a tenth of a second on a busy machine, with drones in the air.
+        gc.collect()
+        gc.freeze()
         try:
             yield f"http://{host}:{port}/?token={token}"
         finally:

@@ -28,6 +28,7 @@ from pydantic_settings import SettingsError as SettingsSourceError
 from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
 from server.planner.margins import space_within
+from server.recording.config import RecordingConfig
 from server.swarm.config import SafetyConfig
 from server.vision.config import VisionConfig
 
@@ -49,6 +50,7 @@ class Settings(BaseSettings):
         planner: Candidates, fitness, annealing, tracking, avoidance.
         vision: Region search, boxes, seed geometry, pose filter.
         safety: Fence, battery, link and separation limits.
+        recording: Whether flights are recorded, and the bounds of the file.
     """
 
     model_config = SettingsConfigDict(
@@ -64,6 +66,7 @@ class Settings(BaseSettings):
     planner: PlannerConfig = PlannerConfig()
     vision: VisionConfig = VisionConfig()
     safety: SafetyConfig = SafetyConfig()
+    recording: RecordingConfig = RecordingConfig()
 
     @classmethod
     def settings_customise_sources(

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -60,6 +61,23 @@ class Telemetry:
     motor_time_s: float
 
 
+class Picture(Protocol):
+    """A decoded picture that is converted as it is needed; may be used from any thread."""
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        ...
+
+    def bgr(self) -> NDArray[np.uint8]:
+        """Return the whole picture ``(h, w, 3)``."""
+        ...
+
+    def reduced_bgr(self, width_px: int, height_px: int) -> NDArray[np.uint8]:
+        """Return the picture ``(height_px, width_px, 3)``, each pixel the mean of its area."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One decoded video picture.
@@ -68,16 +86,38 @@ class Frame:
         drone_id: Which drone.
         sequence: Counts decoded pictures of this drone from 0.
         captured_s: Arrival of the picture's first datagram.
-        image_bgr: ``(h, w, 3)`` uint8.
+        picture: What was decoded, or the same as an array ``(h, w, 3)`` BGR uint8.
         damaged: True when data was lost since the last key frame; such a picture may be shown but
             never enters a dataset.
+        completed_s: Arrival of the picture's last datagram, None when that is unknown.
     """
 
     drone_id: str
     sequence: int
     captured_s: float
-    image_bgr: NDArray[np.uint8]
+    picture: Picture | NDArray[np.uint8]
     damaged: bool
+    completed_s: float | None = None
+
+    @property
+    def image_bgr(self) -> NDArray[np.uint8]:
+        """The whole picture ``(h, w, 3)`` uint8; not for free, unlike ``reduced_bgr``."""
+        return self.picture if isinstance(self.picture, np.ndarray) else self.picture.bgr()
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of the whole picture."""
+        if isinstance(self.picture, np.ndarray):
+            return self.picture.shape[1], self.picture.shape[0]
+        return self.picture.size_px
+
+    def reduced_bgr(self, width_px: int, height_px: int) -> NDArray[np.uint8]:
+        """Return the picture ``(height_px, width_px, 3)``, each pixel the mean of its area."""
+        if not isinstance(self.picture, np.ndarray):
+            return self.picture.reduced_bgr(width_px, height_px)
+        size = (width_px, height_px)
+        reduced = cv2.resize(self.picture, size, interpolation=cv2.INTER_AREA)
+        return reduced.astype(np.uint8, copy=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +219,26 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Priority:
+    """A part of the object that the operator wants seen better (or less well) than the rest.
+
+    Attributes:
+        box: The part, world metres.
+        weight: How many times as much as elsewhere a patch of surface in it counts, above zero.
+
+    Raises:
+        ValueError: If the weight is not finite and above zero.
+    """
+
+    box: Box3
+    weight: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.weight) and self.weight > 0.0):
+            raise ValueError(f"weight must be finite and above zero, got {self.weight}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SeedGeometry:
     """The crude geometry of the object: one outer box and the slices inside it.
 
@@ -186,11 +246,15 @@ class SeedGeometry:
         outer: Box around the whole object, world.
         boxes: Slices, each inside ``outer``; together they are the object's crude surface.
         views: Number of pictures it was made from.
+        confidences: Per box, 0 to 1: how surely the object fills it; empty when unknown.
+        priorities: Parts that matter more to the operator.
     """
 
     outer: Box3
     boxes: tuple[Box3, ...]
     views: int
+    confidences: tuple[float, ...] = ()
+    priorities: tuple[Priority, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

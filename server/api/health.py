@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 
 from fastapi import APIRouter
@@ -9,8 +10,10 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 
 from server.api.journal import Journal
 from server.api.stream import StreamCounts
+from server.api.video_counts import VideoCounts
 from server.mission.commands import MissionControl
 
+_QUANTILES = (0.5, 0.95, 0.99)
 _RUNNING = ("queued", "running", "paused")
 
 
@@ -35,7 +38,8 @@ def make_health_router(
     @router.get("/metrics", operation_id="metrics", response_class=PlainTextResponse)
     async def metrics() -> PlainTextResponse:
         """Return the gauges in Prometheus' text form."""
-        text = "\n".join(_lines(mission, counts, version)) + "\n"
+        lines = [*_lines(mission, counts, version), *_video_lines(journal.video)]
+        text = "\n".join(lines) + "\n"
         return PlainTextResponse(text, media_type="text/plain; version=0.0.4")
 
     return router
@@ -43,6 +47,12 @@ def make_health_router(
 
 def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Iterable[str]:
     yield from _family("dronerf_build_info", "gauge", "Version.", [({"version": version}, 1.0)])
+    yield from _family(
+        "process_cpu_seconds_total",
+        "counter",
+        "Processor time of this process, all its threads.",
+        [({}, time.process_time())],
+    )
     drones = mission.drones()
     gauges = {
         "dronerf_drone_battery_ratio": (
@@ -88,6 +98,26 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
         yield from _family(name, kind, text, [({}, float(value))])
 
 
+def _video_lines(video: VideoCounts) -> Iterable[str]:
+    drones = video.drones.items()
+    for name, text, samples in (
+        ("decoded", "Pictures decoded.", [(d, v.decoded) for d, v in drones]),
+        ("annotated", "Pictures searched and annotated.", [(d, v.annotated) for d, v in drones]),
+    ):
+        yield from _family(
+            f"dronerf_video_pictures_{name}_total",
+            "counter",
+            text,
+            [({"drone": drone_id}, float(count)) for drone_id, count in samples],
+        )
+    name = "dronerf_video_latency_seconds"
+    text = "From a picture's last datagram to its annotated JPEG; quantiles of the newest 7200."
+    quantiles = video.latency_quantiles(_QUANTILES)
+    yield from _family(name, "summary", text, [({"quantile": f"{q:g}"}, s) for q, s in quantiles])
+    yield f"{name}_sum {video.latency_sum_s:.12g}"
+    yield f"{name}_count {video.latencies}"
+
+
 def _family(
     name: str, kind: str, text: str, samples: Iterable[tuple[dict[str, str], float]]
 ) -> Iterable[str]:
@@ -95,7 +125,7 @@ def _family(
     yield f"# TYPE {name} {kind}"
     for labels, value in samples:
         inner = ",".join(f'{key}="{_escaped(label)}"' for key, label in labels.items())
-        yield f"{name}{{{inner}}} {value:g}" if inner else f"{name} {value:g}"
+        yield f"{name}{{{inner}}} {value:.12g}" if inner else f"{name} {value:.12g}"
 
 
 def _escaped(label: str) -> str:

@@ -1,6 +1,6 @@
 """What the console remembers of the mission's events, for whoever comes or asks later.
 
-The event log, and of the newest capture its plan and its pictures.
+The event log, of the newest capture its plan and its pictures, and how the video fares.
 """
 
 from __future__ import annotations
@@ -10,11 +10,13 @@ import logging
 from collections import deque
 from dataclasses import dataclass
 
+from server.api.video_counts import VideoCounts
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
     Event,
     EventStream,
+    FrameAnnotated,
     Noted,
     PlanFound,
 )
@@ -49,6 +51,7 @@ class Journal:
     Attributes:
         plan: The newest plan of the newest capture, None before there is one.
         pictures: The newest capture's pictures by their index.
+        video: Counts of annotated pictures.
         healthy: True while events are being followed.
     """
 
@@ -59,11 +62,14 @@ class Journal:
         self._capture_id: str | None = None
         self.plan: KnownPlan | None = None
         self.pictures: dict[int, CaptureTaken] = {}
+        self.video = VideoCounts()
         self.healthy = False
 
     def record(self, event: Event) -> None:
         """Remember what is worth remembering of ``event``."""
         match event:
+            case FrameAnnotated():
+                self.video.record(event)
             case Noted():
                 self._sequence += 1
                 self._lines.append(Line(self._sequence, event))

@@ -161,6 +161,50 @@ class FailsafeReport(_Message):
     text: str
 
 
+class PickReport(_Message):
+    """Where the operator pointed the object out in a drone's picture; null: not any more.
+
+    The box is left, top, right, bottom in shares 0 to 1 of the picture.
+    """
+
+    type: Literal["object_pointed_out"] = "object_pointed_out"
+    at: str
+    drone_id: str
+    box: list[float] | None
+
+
+class DisagreementReport(_Message):
+    """Drones that see something else than the others do; none: all agree again."""
+
+    type: Literal["views_disagree"] = "views_disagree"
+    at: str
+    drone_ids: list[str]
+    reason: str
+
+
+class PriorityPart(_Message):
+    """A part of the object that shall have better pictures.
+
+    ``drawn`` is the box drawn in that drone's picture, in shares 0 to 1; ``centre`` and ``size``
+    are where the part is, world metres, null until the object's geometry is known.
+    """
+
+    id: str
+    drone_id: str
+    drawn: list[float]
+    weight: float
+    centre: list[float] | None
+    size: list[float] | None
+
+
+class PrioritiesReport(_Message):
+    """All parts of priority as they stand now."""
+
+    type: Literal["priorities_changed"] = "priorities_changed"
+    at: str
+    parts: list[PriorityPart]
+
+
 class Note(_Message):
     """A line of the event log."""
 
@@ -190,6 +234,9 @@ ServerMessage = Annotated[
     | PreviewReport
     | MetricsReport
     | FailsafeReport
+    | PickReport
+    | DisagreementReport
+    | PrioritiesReport
     | Note
     | Missed,
     Field(discriminator="type"),

@@ -19,10 +19,13 @@ from server.mission.events import (
     DroneReported,
     Event,
     FrameAnnotated,
+    ObjectPointedOut,
     PlanProgressed,
     PoseEstimated,
     PreviewRendered,
+    PrioritiesChanged,
     TrainingProgressed,
+    ViewsDisagree,
 )
 
 _Slot = tuple[str, object]
@@ -41,6 +44,12 @@ def _slot(event: Event) -> _Slot | None:
             return ("training", event.stage)
         case PreviewRendered():
             return ("preview", None)
+        case ObjectPointedOut():
+            return ("pick", event.drone_id)
+        case ViewsDisagree():
+            return ("disagreement", None)
+        case PrioritiesChanged():
+            return ("priorities", None)
         case _:
             return None
 

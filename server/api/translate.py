@@ -19,13 +19,17 @@ from server.mission.events import (
     FrameAnnotated,
     MetricsMeasured,
     Noted,
+    ObjectPointedOut,
     PlanFound,
     PlanProgressed,
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
+    PrioritiesChanged,
+    PriorityPart,
     SeedFitted,
     TrainingProgressed,
+    ViewsDisagree,
 )
 
 CaptureState = Literal[
@@ -67,6 +71,8 @@ def message_from_event(event: Event) -> BaseModel | None:
             return _metrics(event)
         case FailsafeFired():
             return _failsafe(event)
+        case ObjectPointedOut() | ViewsDisagree() | PrioritiesChanged():
+            return _shown(event)
         case Noted():
             return messages.Note(
                 at=_iso(event.at), level=event.level, text=event.text, drone_id=event.drone_id
@@ -178,6 +184,35 @@ def _metrics(event: MetricsMeasured) -> messages.MetricsReport:
         ssim=metrics.ssim,
         flip=metrics.flip,
         psnr_db_object=metrics.psnr_db_object,
+    )
+
+
+def _shown(event: ObjectPointedOut | ViewsDisagree | PrioritiesChanged) -> BaseModel:
+    match event:
+        case ObjectPointedOut():
+            box = None if event.box is None else [float(share) for share in event.box]
+            return messages.PickReport(at=_iso(event.at), drone_id=event.drone_id, box=box)
+        case ViewsDisagree():
+            return messages.DisagreementReport(
+                at=_iso(event.at), drone_ids=list(event.drone_ids), reason=event.reason
+            )
+        case PrioritiesChanged():
+            parts = [view_from_part(part) for part in event.parts]
+            return messages.PrioritiesReport(at=_iso(event.at), parts=parts)
+        case _:
+            assert_never(event)
+
+
+def view_from_part(part: PriorityPart) -> messages.PriorityPart:
+    """Return what the console tells about a part of priority."""
+    box = part.box
+    return messages.PriorityPart(
+        id=part.id,
+        drone_id=part.drone_id,
+        drawn=[float(share) for share in part.drawn],
+        weight=part.weight,
+        centre=None if box is None else [float(value) for value in box.centre],
+        size=None if box is None else [float(value) for value in box.size],
     )
 
 

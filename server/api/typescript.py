@@ -18,6 +18,9 @@ from server.api import messages
 
 DEFAULT_PATH = Path("web/src/protocol/messages.gen.ts")
 
+# Models that are no message but part of one.
+PARTS: tuple[type[BaseModel], ...] = (messages.PriorityPart,)
+
 _HEADER = """\
 // Generated from server/api/messages.py by `make messages`. Do not edit.
 // Units are SI, times are seconds, `at` is ISO 8601 UTC.
@@ -88,6 +91,7 @@ def messages_text() -> str:
     server, client = members(messages.ServerMessage), members(messages.ClientMessage)
     parts = [
         _HEADER.rstrip(),
+        *(interface_text(model) for model in PARTS),
         *(interface_text(model) for model in server),
         _union_text("ServerMessage", server),
         *(interface_text(model) for model in client),

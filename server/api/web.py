@@ -17,6 +17,7 @@ from server.api.door import Door, DoorKeeper
 from server.api.drones import make_drones_router
 from server.api.health import make_health_router
 from server.api.journal import Journal
+from server.api.objects import make_objects_router
 from server.api.pages import SecurityHeaders
 from server.api.problems import Problem, described, install_problems
 from server.api.results import make_results_router
@@ -79,6 +80,7 @@ def make_web(
     install_problems(web)
     web.include_router(make_drones_router(mission, stops, config.command_wait_s))
     web.include_router(make_safety_router(mission))
+    web.include_router(make_objects_router(mission))
     web.include_router(make_captures_router(mission))
     web.include_router(make_results_router(mission, journal, config.artifacts))
     web.include_router(make_stream_router(mission, journal, config.stream, counts))

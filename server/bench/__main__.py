@@ -14,7 +14,12 @@ from server.sim.meshes import SceneError
 from server.sim.scenes.catalogue import SCENES, load_object
 
 # By name, so that a bench loads only what it measures.
-_BENCHES = {"nerf": "server.bench.nerf", "mission": "server.bench.missions.measure"}
+_BENCHES = {
+    "nerf": "server.bench.nerf",
+    "mission": "server.bench.missions.measure",
+    "regions": "server.bench.regions",
+    "video": "server.bench.video",
+}
 
 
 def main() -> int:
@@ -50,8 +55,9 @@ def main() -> int:
     if (arguments.faults or arguments.only) and arguments.name != "mission":
         parser.error("--faults and --only are for the bench mission")
     bench = importlib.import_module(_BENCHES[arguments.name])
+    all_scenes = getattr(bench, "SCENES", SCENES)
     options = Options(
-        scenes=tuple(arguments.scene or (bench.QUICK_SCENES if arguments.quick else SCENES)),
+        scenes=tuple(arguments.scene or (bench.QUICK_SCENES if arguments.quick else all_scenes)),
         seed=arguments.seed,
         quick=arguments.quick,
         faults=arguments.faults,

@@ -19,7 +19,14 @@ from server.jobs.spec import JobSpec, Reporting
 from server.planner.config import PlannerConfig
 from server.planner.mission_plan import plan_mission
 from server.planner.placement import PlanProgress
-from server.stages import Assignment, CameraPose, Placement, SeedGeometry, Viewpoint
+from server.stages import (
+    Assignment,
+    CameraPose,
+    Placement,
+    Priority,
+    SeedGeometry,
+    Viewpoint,
+)
 
 _REPORT_S = 0.25
 Corners = tuple[list[float], list[float]]
@@ -37,6 +44,7 @@ class PlanInput(BaseModel):
         drones: Position x, y, z and yaw of each drone by id.
         rounds: Pictures per drone.
         config: ``PlannerConfig``.
+        priorities: Lower and upper corner and weight of the parts that matter more.
     """
 
     outer: Corners
@@ -47,6 +55,7 @@ class PlanInput(BaseModel):
     drones: dict[str, tuple[float, float, float, float]]
     rounds: int
     config: dict[str, Any]
+    priorities: list[tuple[list[float], list[float], float]] = []
 
 
 class PlanResult(BaseModel):
@@ -74,7 +83,12 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
     """Plan, reporting the annealing a few times a second; raises ValueError on bad input."""
     wanted = PlanInput.model_validate(spec.parameters)
     seed = SeedGeometry(
-        _box(wanted.outer), tuple(_box(corners) for corners in wanted.boxes), wanted.views
+        _box(wanted.outer),
+        tuple(_box(corners) for corners in wanted.boxes),
+        wanted.views,
+        priorities=tuple(
+            Priority(_box((lower, upper)), weight) for lower, upper, weight in wanted.priorities
+        ),
     )
     poses = {
         drone_id: CameraPose(

@@ -15,11 +15,15 @@ from server.mission.events import (
     Event,
     EventStream,
     FrameAnnotated,
+    ObjectPointedOut,
+    PriorityPart,
 )
 from server.swarm.failsafes import FALLING, Failsafe, FailsafeTable
 
 Mode = Literal["optimized", "standard"]
 DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
+# A point x, y or a box left, top, right, bottom, as shares 0 to 1 of a picture.
+PointedPlace = tuple[float, float] | tuple[float, float, float, float]
 
 
 def failsafe_falls(event: str) -> bool:
@@ -130,6 +134,44 @@ class MissionControl(Protocol):
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
+        ...
+
+    def point_out(self, drone_id: str, place: PointedPlace) -> ObjectPointedOut:
+        """Say where the object is in a drone's newest picture.
+
+        Raises:
+            UnknownError: If there is no such drone.
+            RefusedError: If the drone has no live picture.
+        """
+        ...
+
+    def search_object(self, drone_id: str) -> None:
+        """Let a drone search the object without help again; raises UnknownError."""
+        ...
+
+    def priorities(self) -> Sequence[PriorityPart]:
+        """Return the parts of the object that the operator wants to have better pictures of."""
+        ...
+
+    def add_priority(
+        self, drone_id: str, drawn: tuple[float, float, float, float], weight: float
+    ) -> PriorityPart:
+        """Want better pictures of what a box drawn in a drone's newest picture shows.
+
+        Args:
+            drone_id: In whose picture it was drawn.
+            drawn: Left, top, right, bottom as shares 0 to 1 of the picture.
+            weight: How many times as much as elsewhere a patch of surface there counts.
+
+        Raises:
+            UnknownError: If there is no such drone.
+            RefusedError: If the drone does not fly in a capture, has no live picture, or shows
+                nothing of the object there.
+        """
+        ...
+
+    def drop_priorities(self, part_id: str | None = None) -> None:
+        """Forget one part of priority, or all when None; raises UnknownError."""
         ...
 
     def preflight(self) -> Sequence[Check]:

@@ -17,16 +17,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from server.jobs.runner import JobRunner, LocalRunner
 from server.mission.checklist import Check, check_disk, check_drone, problems
 from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
+    PointedPlace,
     RefusedError,
     UnknownError,
 )
 from server.mission.config import FlightConfig
+from server.mission.disagreement import DisagreementWatch
 from server.mission.events import (
     CaptureChanged,
     DroneReported,
@@ -36,14 +40,21 @@ from server.mission.events import (
     FrameAnnotated,
     MetricsMeasured,
     Noted,
+    ObjectPointedOut,
     PlanFound,
     PosesRefined,
     PreviewRendered,
+    PriorityPart,
     SeedFitted,
 )
 from server.mission.eyes import CameraEye, Eye
+from server.mission.flight_recording import RECORDING, FlightRecording, Scenery, record_capture
 from server.mission.mission import Mission, MissionTools
 from server.mission.pilot import Pilot
+from server.mission.pointing import Pointing
+from server.mission.priorities import Priorities
+from server.recording.config import RecordingConfig
+from server.recording.repair import repair_all
 from server.store.runs import RunFolder, list_runs
 from server.swarm.drone import Drone
 from server.swarm.errors import DroneError
@@ -79,6 +90,7 @@ class Control:
         *,
         make_eye: EyeMaker | None = None,
         runner: JobRunner | None = None,
+        recording: RecordingConfig | None = None,
     ) -> None:
         """Build it.
 
@@ -89,23 +101,41 @@ class Control:
             events: Where all news goes.
             make_eye: Makes a drone's eye; without it the drone's pictures are searched.
             runner: Starts background jobs; without it they are processes of this machine.
+            recording: How captures are recorded; without it they are not.
         """
         self.events = events
         self._fleet = fleet
         self._runs = runs
         self._config = config
-        self._threads = ThreadPoolExecutor(2, thread_name_prefix="eyes")
+        # A thread for each drone, so that one long search holds up no other drone's pictures. Each
+        # picture is one thread's work: sharing it costs OpenCV more than it gains.
+        self._threads = ThreadPoolExecutor(
+            max(1, len(fleet.drones)),
+            thread_name_prefix="eyes",
+            initializer=cv2.setNumThreads,
+            initargs=(1,),
+        )
         make_eye = make_eye if make_eye is not None else self._camera_eye
         self._eyes: dict[str, Eye] = {d: make_eye(drone) for d, drone in fleet.drones.items()}
         self._pilot = Pilot(fleet, self._eyes, config, events)
         runner = runner if runner is not None else LocalRunner()
-        self._tools = MissionTools(fleet, self._eyes, self._pilot, runner, events, config)
+        self._pointing = Pointing(fleet.drones, self._eyes, self._pilot, config, events, _now_s)
+        self._priorities = Priorities(fleet.drones, self._pilot, events)
+        self._disagreement = DisagreementWatch(
+            fleet.drones, self._eyes, self._pilot, config.vision.agreement, events, _now_s
+        )
+        self._tools = MissionTools(
+            fleet, self._eyes, self._pilot, runner, events, config, self._priorities
+        )
         self._records: dict[str, CaptureRecord] = _records_on_disk(runs)
         self._fired = 0  # Number of the newest failsafe told.
         self._failsafes: deque[FailsafeFired] = deque(maxlen=_FAILSAFES_KEPT)
         self._standing: dict[type[Event], Event] = {}
         self._mission: Mission | None = None
         self._mission_task: asyncio.Task[None] | None = None
+        self._recording = recording
+        self._recording_task: asyncio.Task[None] | None = None
+        self._repairing: asyncio.Task[list[Path]] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._connecting: asyncio.Task[None] | None = None
         self._failed_task = ""  # A standing task that has ended, which none should.
@@ -119,9 +149,16 @@ class Control:
             asyncio.create_task(self._pilot.run(), name="pilot"),
             asyncio.create_task(self._report(), name="reports"),
             asyncio.create_task(self._watch(), name="standing events"),
+            asyncio.create_task(self._disagreement.run(self._observers), name="agreement"),
         ]
-        # Connecting ends by itself, so it is no standing task.
+        # Connecting and repairing end by themselves, so they are no standing tasks.
         self._connecting = asyncio.create_task(self._connect(), name="connect")
+        if self._recording is not None:
+            files = [run.path / RECORDING for run in list_runs(self._runs)]
+            self._repairing = asyncio.create_task(
+                asyncio.to_thread(repair_all, [file for file in files if file.exists()]),
+                name="repair recordings",
+            )
         for task in self._tasks:
             task.add_done_callback(self._on_task_end)
         return self
@@ -132,7 +169,10 @@ class Control:
             with contextlib.suppress(ValueError):  # It is over and only cleans up.
                 self._mission.abort("the console is shutting down")
             await asyncio.wait([self._mission_task], timeout=20.0)
-        tasks = self._tasks if self._connecting is None else [*self._tasks, self._connecting]
+        if self._recording_task is not None and not self._recording_task.done():
+            await asyncio.wait([self._recording_task], timeout=self._recording_patience_s())
+        passing = (task for task in (self._connecting, self._repairing) if task is not None)
+        tasks = [*self._tasks, *passing]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -169,7 +209,9 @@ class Control:
         )
 
     def _camera_eye(self, drone: Drone) -> Eye:
-        return CameraEye(drone, self._config.vision, self.events, self._threads)
+        drones = list(self._fleet.drones)
+        turn = drones.index(drone.config.id) / len(drones)
+        return CameraEye(drone, self._config.vision, self.events, self._threads, turn=turn)
 
     # -- what is known ------------------------------------------------------------------------
 
@@ -183,7 +225,9 @@ class Control:
 
     def standing(self) -> list[Event]:
         """Return the events a newcomer needs to see the present state."""
-        return [*self._standing.values(), *self._failsafes]
+        told = [self._pointing, self._priorities, self._disagreement]
+        operators = [event for each in told for event in each.standing()]
+        return [*self._standing.values(), *operators, *self._failsafes]
 
     def captures(self) -> list[CaptureRecord]:
         """Return all known captures, newest first."""
@@ -261,12 +305,35 @@ class Control:
         # Whoever was in command of an earlier flight need not be there for this one: a console in
         # command gives its next sign of life within seconds.
         self._fleet.forget_operator()
+        self._pointing.begin_capture()
+        self._priorities.begin_capture()
         self._mission = Mission(request, drones, run, self._tools)
         record = CaptureRecord(request, self._mission.status(), datetime.now(UTC), None)
         self._records[run.id] = record
         self._mission_task = asyncio.create_task(self._mission.run(), name=f"mission {run.id}")
+        self._mission_task.add_done_callback(lambda _: self._end_capture())
+        self._recording_task = self._record(run, request, self._mission_task)
         self.events.publish(record.status)
         return record
+
+    def _record(
+        self, run: RunFolder, request: CaptureRequest, flight: asyncio.Task[None]
+    ) -> asyncio.Task[None] | None:
+        """Begin to record a capture unless that is switched off."""
+        if self._recording is None or not self._recording.enabled:
+            return None
+        path = run.path / RECORDING
+        recording = FlightRecording(path, self.scenery(), self._recording, request)
+        return asyncio.create_task(
+            record_capture(recording, self.events, flight), name=f"recording {run.id}"
+        )
+
+    def scenery(self) -> Scenery:
+        """Return what a recording of these drones needs."""
+        return Scenery(self._fleet, self._eyes, self.events, self._config)
+
+    def _recording_patience_s(self) -> float:
+        return 0.0 if self._recording is None else 2.0 * self._recording.close_s
 
     def _drones_for(self, count: int, request: CaptureRequest) -> list[str]:
         """Return ``count`` drones in fleet order, those that are ready to fly before others."""
@@ -309,6 +376,45 @@ class Control:
             raise RefusedError(str(error)) from error
         self._keep(mission.status())
         return self._records[capture_id]
+
+    # -- what the operator shows ---------------------------------------------------------------
+
+    def point_out(self, drone_id: str, place: PointedPlace) -> ObjectPointedOut:
+        """Say where the object is in a drone's picture; raises UnknownError or RefusedError."""
+        self._eye(drone_id)
+        return self._pointing.point_out(drone_id, place)
+
+    def search_object(self, drone_id: str) -> None:
+        """Let a drone search the object without help again; raises UnknownError."""
+        self._eye(drone_id)
+        self._pointing.search(drone_id)
+
+    def priorities(self) -> tuple[PriorityPart, ...]:
+        """Return the parts of priority as they stand."""
+        return self._priorities.parts
+
+    def add_priority(
+        self, drone_id: str, drawn: tuple[float, float, float, float], weight: float
+    ) -> PriorityPart:
+        """Want better pictures of a part; raises UnknownError or RefusedError."""
+        self._eye(drone_id)
+        if drone_id not in self._observers():
+            raise RefusedError(
+                f"{drone_id} does not fly in a capture: a part of the object can be marked once"
+                " the drones look at it"
+            )
+        sight = self._pointing.live_sight(drone_id)
+        return self._priorities.add(drone_id, drawn, weight, sight.frame.captured_s)
+
+    def drop_priorities(self, part_id: str | None = None) -> None:
+        """Forget one part of priority, or all when None; raises UnknownError."""
+        self._priorities.drop(part_id)
+
+    def _observers(self) -> tuple[str, ...]:
+        return () if self._mission is None else self._mission.observers
+
+    def _end_capture(self) -> None:
+        self._pointing.end_capture()
 
     # -- standing tasks -----------------------------------------------------------------------
 
@@ -365,6 +471,10 @@ class Control:
 
     def _flying_mission(self) -> bool:
         return self._mission is not None and self._mission.airborne
+
+
+def _now_s() -> float:
+    return asyncio.get_running_loop().time()
 
 
 def _checked(request: CaptureRequest, fleet_size: int) -> int:

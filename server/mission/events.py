@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.stages import Assignment, CameraPose, Capture, Metrics, Placement, SeedGeometry
 
@@ -74,6 +75,8 @@ class FrameAnnotated:
         captured_s: Monotonic arrival time of the frame.
         jpeg: 640x480 JPEG.
         damaged: As the frame says.
+        latency_s: Seconds from the arrival of the frame's last datagram to this JPEG.
+        skipped: Pictures of this drone that were decoded but not looked at, since the start.
     """
 
     drone_id: str
@@ -82,6 +85,8 @@ class FrameAnnotated:
     jpeg: bytes
     damaged: bool
     at: datetime = field(default_factory=_now)
+    latency_s: float = 0.0
+    skipped: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,6 +264,62 @@ class CaptureChanged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ObjectPointedOut:
+    """The operator said where the object is in a drone's picture, or took it back.
+
+    Attributes:
+        drone_id: In whose picture.
+        box: Left, top, right, bottom as shares 0 to 1 of the picture; None: the drone searches
+            without help again.
+    """
+
+    drone_id: str
+    box: tuple[float, float, float, float] | None
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewsDisagree:
+    """The drones began to see different things, it is others now, or they agree again.
+
+    Attributes:
+        drone_ids: Those that see something else than the rest; empty when all agree again.
+        reason: Why, for people; empty when all agree again.
+    """
+
+    drone_ids: tuple[str, ...]
+    reason: str
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PriorityPart:
+    """A part of the object that the operator wants to have better pictures of.
+
+    Attributes:
+        id: Names it until the capture ends.
+        drone_id: In whose picture it was drawn.
+        drawn: Left, top, right, bottom as shares 0 to 1 of that picture.
+        weight: How many times as much as elsewhere a patch of surface in it counts.
+        box: Where it is, world metres; None until the object's geometry is known.
+    """
+
+    id: str
+    drone_id: str
+    drawn: tuple[float, float, float, float]
+    weight: float
+    box: Box3 | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrioritiesChanged:
+    """The operator's parts of priority as they stand now, all of them."""
+
+    parts: tuple[PriorityPart, ...]
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Noted:
     """A line for the operator's event log.
 
@@ -288,6 +349,9 @@ Event = (
     | MetricsMeasured
     | CaptureChanged
     | FailsafeFired
+    | ObjectPointedOut
+    | ViewsDisagree
+    | PrioritiesChanged
     | Noted
 )
 

@@ -22,6 +22,7 @@ from server.mission.eyes import Eye
 from server.mission.phases import AIRBORNE, Phase, Progress
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
+from server.mission.priorities import Priorities
 from server.mission.reconstruction import Reconstruction
 from server.mission.record import CaptureRecorder
 from server.mission.state import MissionState
@@ -48,6 +49,7 @@ class MissionTools:
         runner: Starts background jobs.
         events: Where news goes.
         config: Numbers of everything that flies.
+        priorities: The parts that the operator wants to have better pictures of.
     """
 
     fleet: Fleet
@@ -56,6 +58,7 @@ class MissionTools:
     runner: JobRunner
     events: EventStream
     config: FlightConfig
+    priorities: Priorities
 
 
 class Mission:
@@ -77,7 +80,12 @@ class Mission:
             run, tools.fleet, tools.eyes, tools.pilot, tools.events, tools.config.mission
         )
         self._planning = Planning(
-            request, run.path / "jobs" / "plan", tools.runner, tools.events, tools.config
+            request,
+            run.path / "jobs" / "plan",
+            tools.runner,
+            tools.events,
+            tools.config,
+            tools.priorities,
         )
         self._reconstruction = Reconstruction(request, run, tools.runner, tools.events)
         self._steps = Steps(
@@ -111,6 +119,11 @@ class Mission:
     def airborne(self) -> bool:
         """True while the mission flies the drones."""
         return self._state.progress.phase in AIRBORNE
+
+    @property
+    def observers(self) -> tuple[str, ...]:
+        """The drones that fly and look at the object now."""
+        return tuple(self._state.crew) if self._state.progress.phase in _STEERED else ()
 
     def status(self) -> CaptureChanged:
         """Return the capture as it stands."""

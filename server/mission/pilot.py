@@ -30,7 +30,7 @@ from server.stages import Box, CameraPose, SeedGeometry, Setpoint, Viewpoint
 from server.swarm.fleet import Fleet
 from server.swarm.safety import flight_readings, limit_setpoint
 from server.vision.expectation import expected_region
-from server.vision.localization import TargetEstimate, TargetEstimator
+from server.vision.localization import TargetEstimate, TargetEstimator, prior_target
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,8 @@ _FULL_FRAME = 0.85
 # and a box that is this many times larger or smaller than believed is not the object.
 _TRIM_REACH_M = 0.35
 _TRIM_RATIO = 1.5
+# So many places where the object was believed to be are kept away from.
+_PLACES_KEPT = 3
 # Seed views may miss their azimuth by this much.
 _AZIMUTH_RAD = 0.3
 
@@ -62,6 +64,9 @@ class Pilot:
         self._config = config
         self._events = events
         self._target = TargetEstimator(config.vision.localization)
+        # Where the object was believed to be before the operator pointed elsewhere: something
+        # stands there, so until the geometry is known drones keep away from these places too.
+        self._left_behind: list[Box3] = []
         self._dt_s = 1.0 / config.mission.control_rate_hz
         self._wings: dict[str, Wing] = {}
         for number, (drone_id, drone) in enumerate(fleet.drones.items()):
@@ -73,9 +78,27 @@ class Pilot:
         """Forget the object of the capture before: it may be another one, elsewhere."""
         self.paused = False
         self.seed = None
+        if self._left_behind:
+            self._begin_target(prior_target(self._config.vision.localization))
+        self._left_behind.clear()
         self._target = TargetEstimator(self._config.vision.localization)
         for wing in self._wings.values():
             wing.begin_capture()
+
+    def move_target(self, target: TargetEstimate) -> None:
+        """Believe the object to be where ``target`` has it, and forget what boxes said of it.
+
+        Moves no drone by itself: goals stay, and every limit holds. Until the seed geometry is
+        known the drones also keep away from where the object was believed to be.
+        """
+        self._left_behind.append(self._obstacle(self._target.estimate()))
+        del self._left_behind[:-_PLACES_KEPT]
+        self._begin_target(target)
+
+    def _begin_target(self, target: TargetEstimate) -> None:
+        self._target = TargetEstimator(self._config.vision.localization, target)
+        for wing in self._wings.values():
+            wing.begin_target(target)
 
     # -- goals --------------------------------------------------------------------------------
 
@@ -123,6 +146,10 @@ class Pilot:
     def is_heard(self, drone_id: str) -> bool:
         """Return whether a drone's state reports are fresh."""
         return self._wings[drone_id].is_heard(asyncio.get_running_loop().time())
+
+    def target(self) -> TargetEstimate:
+        """Return what is believed of the object."""
+        return self._target.estimate()
 
     def arrived(self, drone_id: str) -> bool:
         """Return whether the drone believes to be at its viewpoint."""
@@ -195,16 +222,22 @@ class Pilot:
                 self._tell_poses(begun_s)
             await asyncio.sleep(max(0.005, self._dt_s - (loop.time() - begun_s)))
 
-    def _tick(self, now_s: float) -> None:
+    def observe(self, now_s: float) -> TargetEstimate:
+        """Take what drones and eyes have new, tell the eyes what to expect; return the target."""
         for wing in self._wings.values():
             wing.observe(self._target)
         target = self._target.estimate()
+        for wing in self._wings.values():
+            camera = wing.drone.config.intrinsics
+            wing.eye.expect(expected_region(wing.pose(now_s), target, camera, self.seed))
+        return target
+
+    def _tick(self, now_s: float) -> None:
+        target = self.observe(now_s)
         flying: list[tuple[Wing, CameraPose, float]] = []
         agents: list[Agent] = []
         for wing in self._wings.values():
             pose = wing.pose(now_s)
-            camera = wing.drone.config.intrinsics
-            wing.eye.expect(expected_region(pose, target, camera, self.seed))
             if not wing.drone.airborne:
                 continue
             wish = np.zeros(3), 0.0
@@ -220,9 +253,10 @@ class Pilot:
             return
         planner = self._config.planner
         obstacle = self._obstacle(target)
+        shunned = [obstacle, *(self._left_behind if self.seed is None else ())]
         velocities = avoid(
             agents,
-            [Obstacle(obstacle, self._config.safety.standoff_m)],
+            [Obstacle(box, self._config.safety.standoff_m) for box in shunned],
             planner.space,
             planner.avoidance,
             self._dt_s,
@@ -230,7 +264,9 @@ class Pilot:
         poses = [pose for _, pose, _ in flying]
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
-            setpoint = limit_setpoint(setpoint, pose, obstacle, self._config.safety)
+            # The object's own limits come last, because of two that contradict the later one wins.
+            for box in reversed(shunned):
+                setpoint = limit_setpoint(setpoint, pose, box, self._config.safety)
             steered = wing.drone.activity == "flying"
             if steered:
                 velocity = turned(setpoint.velocity_m_s, pose.yaw_rad)

@@ -19,6 +19,7 @@ from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Noted, PlanFound, PlanProgressed
+from server.mission.priorities import Priorities
 from server.planner.ring import ring_assignment, standard_ring
 from server.stages import Assignment, CameraPose, Placement, SeedGeometry
 from server.swarm.config import DroneConfig
@@ -34,12 +35,14 @@ class Planning:
         runner: JobRunner,
         events: EventStream,
         config: FlightConfig,
+        priorities: Priorities,
     ) -> None:
         self._request = request
         self._folder = folder
         self._runner = runner
         self._events = events
         self._config = config
+        self._priorities = priorities
         self._job: Job | None = None
 
     async def rounds(
@@ -70,6 +73,31 @@ class Planning:
         self._events.publish(PlanFound(result.placement(), assignment))
         return assignment
 
+    @property
+    def outdated(self) -> bool:
+        """True when the operator's parts of priority are others than those of the plan."""
+        return self._request.mode == "optimized" and self._priorities.unplanned
+
+    async def rounds_anew(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> Assignment | None:
+        """Plan the rounds that are left and publish them; None when there is no such plan."""
+        try:
+            async with asyncio.timeout(self._config.mission.plan_timeout_s):
+                result = await self._ask_worker(seed, poses, camera, rounds)
+        except (TimeoutError, JobFailedError) as error:
+            reason = str(error) or "not ready in time"
+            self._events.publish(Noted("warning", f"No new plan ({reason}): the old one is flown."))
+            await self.cancel()
+            return None
+        assignment = result.assignment()
+        self._events.publish(PlanFound(result.placement(), assignment))
+        return assignment
+
     async def cancel(self) -> None:
         """End the worker if it runs."""
         if self._job is not None:
@@ -91,6 +119,10 @@ class Planning:
             drones={d: (*pose.position_world.tolist(), pose.yaw_rad) for d, pose in poses.items()},
             rounds=rounds,
             config=asdict(self._config.planner),
+            priorities=[
+                (part.box.lower.tolist(), part.box.upper.tolist(), part.weight)
+                for part in self._priorities.of_seed(seed)
+            ],
         )
         spec = JobSpec("plan", wanted.model_dump(), seed=self._request.seed, threads=1)
         self._job = await self._runner.submit(spec, self._folder)

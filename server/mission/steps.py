@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,7 @@ from server.stages import Assignment, View, Viewpoint
 from server.store.runs import RunFolder
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
-from server.vision.seed import SeedError, seed_from_views
+from server.vision.seed import SeedError, kept_within, refine_seed, seed_from_views
 
 _POLL_S = 0.05
 _QUARTER_TURN = np.pi / 2.0
@@ -248,11 +248,31 @@ class Steps:
         if training and photographer.taken >= min(4, self._request.pictures):
             await self._tools.reconstruction.start()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
+        await self._refine_seed(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
         if photographer.taken < self._request.pictures:
             await self._regroup(state.progress.round_index + 1, taken)
+            await self._plan_anew(state.progress.round_index + 1)
         else:
             state.progress = state.progress.with_rounds(state.progress.round_index + 1)
+
+    async def _plan_anew(self, next_round: int) -> None:
+        """Plan what is left anew when the operator has marked or dropped a part meanwhile.
+
+        The pictures taken count for nothing in it: with few left, all go where they now matter.
+        """
+        state, planning = self._state, self._tools.planning
+        if not planning.outdated or not state.crew or state.seed is None:
+            return
+        left = self._request.pictures - self._tools.photographer.taken
+        poses = {d: self._tools.pilot.pose(d) for d in state.crew}
+        camera = self._tools.fleet.drones[state.crew[0]].config
+        rounds = -(-left // len(poses))
+        assignment = await planning.rounds_anew(state.seed, poses, camera, rounds)
+        if assignment is not None:
+            flown = state.assignment.rounds[:next_round]
+            state.assignment = Assignment(flown + assignment.rounds)
+            state.progress = state.progress.with_rounds(len(state.assignment.rounds))
 
     async def _share_out_the_rest(self) -> None:
         """After an interruption: share out all viewpoints without a picture, from this round on."""
@@ -403,6 +423,35 @@ class Steps:
         self._state.seed = seed
         self._tools.pilot.seed = seed
         self._tools.events.publish(SeedFitted(seed))
+
+    async def _refine_seed(self, taken: set[str]) -> None:
+        """Let the views of the pictures just taken vote along on the seed geometry.
+
+        The outer box stays: the planned viewpoints keep clear of that one, and a wall that moves
+        must not come upon a drone that hovers beside it.
+        """
+        state = self._state
+        seen = [view for drone_id in sorted(taken) if (view := self._view_now(drone_id))]
+        if state.seed is None or not seen:
+            return
+        state.views.extend(seen)
+        config = self._tools.config.vision.seed
+        refined = await asyncio.to_thread(refine_seed, state.seed, tuple(state.views), config)
+        refined = kept_within(refined, state.seed.outer)
+        # Nothing changes when the views make no geometry; the operator may have set priorities.
+        if refined.views > state.seed.views:
+            state.seed = replace(refined, priorities=state.seed.priorities)
+            self._tools.pilot.seed = state.seed
+            self._tools.events.publish(SeedFitted(state.seed))
+
+    def _view_now(self, drone_id: str) -> View | None:
+        """Return what a hovering drone shows now, None when it shows no object."""
+        sight = self._tools.eyes[drone_id].sight
+        if sight is None or sight.frame.damaged or sight.region is None or sight.box is None:
+            return None
+        pose = self._tools.pilot.pose(drone_id, sight.frame.captured_s)
+        intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
+        return View(pose, intrinsics, sight.box, sight.region)
 
     def _viewpoints(self) -> dict[str, Viewpoint]:
         """Return this round's viewpoints of the drones that fly."""

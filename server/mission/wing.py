@@ -15,7 +15,7 @@ from server.planner.tracking import BoxTracker, WantedView
 from server.stages import Box, CameraPose, Viewpoint
 from server.swarm.drone import Drone
 from server.swarm.failsafes import FlightReadings
-from server.vision.localization import PoseFilter, TargetEstimator
+from server.vision.localization import PoseFilter, TargetEstimate, TargetEstimator
 
 Array = NDArray[np.float64]
 
@@ -95,6 +95,7 @@ class Wing:
         # World velocity and turn that it was told last while it could be heard.
         self._sent, self._turn_rad_s = np.zeros(3), 0.0
         self._detour: Detour | None = None
+        self._target_prior: TargetEstimate | None = None
         self._seen_s: float | None = None
         self._felt_s: float | None = None
         self.place_at_start()
@@ -119,6 +120,13 @@ class Wing:
             self.drone.config.intrinsics,
             self.tilt_rad,
         )
+        if self._target_prior is not None:
+            self.filter.begin_target(self._target_prior)
+
+    def begin_target(self, prior: TargetEstimate) -> None:
+        """Believe ``prior`` of the object from now on, and in later flights of this capture."""
+        self._target_prior = prior
+        self.filter.begin_target(prior)
 
     def fresh_sight(self, now_s: float) -> Sight | None:
         """Return the newest sight unless it is stale."""

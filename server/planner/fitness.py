@@ -1,8 +1,9 @@
 """What makes a set of views good: named terms, each in [0, 1], and their weighted sum.
 
 Symbols: O is the chosen set of K views (indices into the D candidates), S the samples with area
-share a_s and priority share p_s (each sums to 1 over samples that some candidate sees), n_s the
-number of chosen views that see s sharply (below), W the sum of all weights. The fitness is
+share a_s and priority share p_s (each sums to 1 over samples that some candidate sees; in a part
+that the operator marked, a patch counts as often as was asked for in both shares), n_s the number
+of chosen views that see s sharply (below), W the sum of all weights. The fitness is
 
     F(O) = (sum of weight x term - weight_overlap x overlap) / W.
 
@@ -24,11 +25,13 @@ from server.planner.config import FitnessConfig
 from server.planner.errors import PlanError
 from server.planner.surfaces import SurfaceSamples, even_directions, sample_surface
 from server.planner.visibility import VisibilityTable, visibility_table
-from server.stages import SeedGeometry, Viewpoint
+from server.stages import Priority, SeedGeometry, Viewpoint
 
 Array = NDArray[np.float64]
 Chosen = NDArray[np.intp]
 
+# A sample this far outside a part of priority still belongs to it.
+_ON_FACE_M = 1e-4
 # Directions in which people look at a finished model: from level up to steeply down.
 _SPREAD_DIRECTIONS = 400
 _SPREAD_ELEVATION_MAX_RAD = np.pi / 3.0
@@ -85,7 +88,20 @@ def build_problem(
     boxes: tuple[Box3, ...] = seed.boxes or (seed.outer,)
     samples = sample_surface(boxes, config.samples)
     table = visibility_table(candidates, samples, boxes, intrinsics, tilt_rad, config)
-    return problem_from_table(candidates, samples, table, config, neighbours)
+    weights = patch_weights(samples, seed.priorities)
+    return problem_from_table(candidates, samples, table, config, neighbours, weights)
+
+
+def patch_weights(samples: SurfaceSamples, priorities: Sequence[Priority]) -> Array:
+    """Return how many times each sample counts ``(S,)``: the greatest weight of its parts, else 1.
+
+    A part bounds patches that lie on its faces too, whatever rounding did to them.
+    """
+    weights = np.zeros(len(samples))
+    for part in priorities:
+        inside = part.box.grown(_ON_FACE_M).contains(samples.points)
+        weights[inside] = np.maximum(weights[inside], part.weight)
+    return np.where(weights > 0.0, weights, 1.0)
 
 
 def problem_from_table(
@@ -94,15 +110,19 @@ def problem_from_table(
     table: VisibilityTable,
     config: FitnessConfig,
     neighbours: int = 12,
+    weights: Array | None = None,
 ) -> FitnessProblem:
-    """Prepare every term from a ready table; see ``build_problem``."""
+    """Prepare every term from a ready table; see ``build_problem``.
+
+    ``weights`` ``(S,)`` say how many times each sample counts, None: once.
+    """
     seeable = table.visible.any(axis=0)
     if not seeable.any():
         raise PlanError("no place for a picture: no candidate sees any of the object's surface")
-    area_share = samples.areas_m2 * seeable
+    counted = samples.areas_m2 * seeable * (1.0 if weights is None else weights)
     # Every patch keeps a little priority, so that an object without hollows is no special case.
-    priority = samples.areas_m2 * seeable * (0.02 + samples.concavity**2)
-    area_share = area_share / area_share.sum()
+    priority = counted * (0.02 + samples.concavity**2)
+    area_share = counted / counted.sum()
     agreement = table.agreement @ area_share
     saturation = np.log1p(table.detail_px_per_m2.max() / config.detail_px_per_m2)
     lower, upper = samples.points.min(axis=0), samples.points.max(axis=0)

@@ -10,12 +10,20 @@ from viser import CameraFrustumHandle, LineSegmentsHandle, SceneApi
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.mission.events import CaptureTaken, PlanFound, PosesRefined, PreviewRendered, SeedFitted
+from server.mission.events import (
+    CaptureTaken,
+    PlanFound,
+    PosesRefined,
+    PreviewRendered,
+    PrioritiesChanged,
+    SeedFitted,
+)
 from server.scene.config import SceneConfig
 from server.scene.shapes import Rgb, box_edges, dimmed, node_name, picture_from_jpeg, placed
 
 _OUTER: Rgb = (240, 190, 40)
 _SLICE: Rgb = (200, 160, 90)
+_PRIORITY: Rgb = (230, 80, 200)
 _PREVIEW: Rgb = (60, 60, 60)
 _UNKNOWN: Rgb = (150, 150, 150)
 
@@ -70,6 +78,11 @@ class CaptureLayer:
         """Draw the outer box and the slices as wire frames."""
         self._draw_boxes("outer", (event.seed.outer,), _OUTER, 3.0)
         self._draw_boxes("slices", event.seed.boxes, _SLICE, 1.5)
+
+    def draw_priorities(self, event: PrioritiesChanged) -> None:
+        """Draw the operator's parts of priority that have been found on the object."""
+        boxes = tuple(part.box for part in event.parts if part.box is not None)
+        self._draw_boxes("priorities", boxes, _PRIORITY, 4.0)
 
     def draw_plan(self, event: PlanFound) -> None:
         """Draw the planned viewpoints, each in its drone's colour; the former plan is hidden."""

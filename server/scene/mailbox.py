@@ -17,6 +17,7 @@ from server.mission.events import (
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
+    PrioritiesChanged,
     SeedFitted,
 )
 
@@ -46,6 +47,8 @@ class Mailbox:
                 slot = ("picture", event.capture.index)
             case SeedFitted():
                 slot = ("seed", None)
+            case PrioritiesChanged():
+                slot = ("priorities", None)
             case PlanFound():
                 slot = ("plan", None)
             case PosesRefined():

@@ -28,6 +28,7 @@ from server.mission.events import (
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
+    PrioritiesChanged,
     SeedFitted,
     Subscription,
 )
@@ -87,6 +88,8 @@ class Stage:
                 self._drones.draw_frame(event)
             case SeedFitted():
                 self._captures.draw_seed(event)
+            case PrioritiesChanged():
+                self._captures.draw_priorities(event)
             case PlanFound():
                 self._captures.draw_plan(event)
             case CaptureTaken():
@@ -214,9 +217,12 @@ class SceneView:
         if server is None or stage is None:
             return
         now_s = time.monotonic()
+        # Video is for those who look now; whoever comes later gets the next pictures.
+        watched = bool(server.get_clients())
         with server.atomic():
             for event in batch:
-                stage.draw(event, now_s)
+                if watched or not isinstance(event, FrameAnnotated):
+                    stage.draw(event, now_s)
 
 
 def _refuse_share_url(*_: object, **__: object) -> str | None:

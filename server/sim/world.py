@@ -23,6 +23,7 @@ from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
 from server.sim.meshes import Mesh, ObjectModel
 from server.sim.scenes.light import floor_shadow, lit_colours
 from server.sim.scenes.room import room, shadow_extent_m
+from server.sim.scenes.surroundings import ORDINARY, Surroundings
 from server.sim.scenes.tello import tello_body
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class World:
         intrinsics: Intrinsics = TELLO_INTRINSICS,
         supersample: int = 1,
         seed: int = 0,
+        surroundings: Surroundings = ORDINARY,
     ) -> None:
         """Build the room.
 
@@ -76,6 +78,7 @@ class World:
             supersample: Draw ``s x s`` times the pixels and average them down; 2 halves the
                 renderer's half-pixel errors.
             seed: Seed of the room's textures.
+            surroundings: What is other than in the ordinary room.
 
         Raises:
             ValueError: If the camera has distortion or ``supersample`` is not 1 to 4.
@@ -88,15 +91,12 @@ class World:
         self._intrinsics = intrinsics
         self._supersample = supersample
         lit = Mesh(model.vertices, model.faces, lit_colours(model), model.uv, model.texture)
-        shadow = floor_shadow(model, shadow_extent_m(), seed)
-        surroundings = room(shadow, seed)
+        self._shadow = floor_shadow(model, shadow_extent_m(), seed)
         with _engine_lock:
             self._buffer, self._picture = _open_buffer(intrinsics, supersample)
             self._scene = core.NodePath("world")
             self._object = self._scene.attachNewNode(_node("object", lit))
             self._room = self._scene.attachNewNode("room")
-            for k, mesh in enumerate(surroundings):
-                self._room.attachNewNode(_node(f"surface {k}", mesh))
             self._drone = core.NodePath(_node("drone", tello_body()))
             self._drones: list[core.NodePath] = []
             self._scene.setTwoSided(True)
@@ -104,6 +104,22 @@ class World:
                 core.Camera("camera", _lens(intrinsics, supersample))
             )
             self._buffer.makeDisplayRegion().setCamera(self._camera)
+        self.furnish(seed, surroundings)
+
+    def furnish(self, seed: int, surroundings: Surroundings) -> None:
+        """Replace the room around the object.
+
+        Args:
+            seed: Seed of the room's textures.
+            surroundings: What is other than in the ordinary room.
+        """
+        meshes = room(self._shadow, seed, surroundings)
+        with _engine_lock:
+            self._room.removeNode()
+            self._room = self._scene.attachNewNode("room")
+            for k, mesh in enumerate(meshes):
+                self._room.attachNewNode(_node(f"surface {k}", mesh))
+            self._object.setColorScale(*surroundings.light_rgb, 1.0)
 
     @property
     def intrinsics(self) -> Intrinsics:

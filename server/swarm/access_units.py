@@ -37,6 +37,7 @@ class AccessUnit:
     Attributes:
         data: Annex-B bytes, parameter sets included where they came before it.
         captured_s: When its first datagram arrived.
+        completed_s: When its last datagram arrived.
         key: True when it can be decoded without any other picture.
         has_sets: True when both parameter sets came along.
         damaged: True when data is known or suspected to be lost since the last key picture.
@@ -44,6 +45,7 @@ class AccessUnit:
 
     data: bytes
     captured_s: float
+    completed_s: float
     key: bool
     has_sets: bool
     damaged: bool
@@ -110,7 +112,7 @@ class AccessUnits:
         self.repeated = 0
         self._lately: deque[bytes] = deque(maxlen=_PIECES_KEPT)
         self._buffer = bytearray()
-        self._captured_s = 0.0
+        self._captured_s = self._newest_s = 0.0
         self._has_slice = False
         self._damaged = True  # Nothing is whole before the first key picture.
         self._width: int | None = None
@@ -136,6 +138,7 @@ class AccessUnits:
         if not self._buffer:
             self._captured_s = arrived_s
         self._buffer += datagram
+        self._newest_s = arrived_s
         if begins:
             self._has_slice = self._nal_type(datagram) in (_SLICE, _KEY_SLICE)
         elif not self._has_slice:
@@ -190,7 +193,7 @@ class AccessUnits:
         if is_reference:
             self._reference = number
         has_sets = {_SPS, _PPS} <= kinds
-        return AccessUnit(data, self._captured_s, key, has_sets, self._damaged)
+        return AccessUnit(data, self._captured_s, self._newest_s, key, has_sets, self._damaged)
 
     @staticmethod
     def _ends_suspiciously(data: bytes) -> bool:
@@ -216,3 +219,9 @@ def _nal_units(data: bytes) -> list[bytes]:
         if unit:
             units.append(unit)
     return units
+
+
+def parameter_sets(data: bytes) -> bytes:
+    """Return the parameter sets in Annex-B bytes, as such again."""
+    found = (nal for nal in _nal_units(data) if nal[0] & 0x1F in (_SPS, _PPS))
+    return b"".join(b"\0" + _START + nal for nal in found)

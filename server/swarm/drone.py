@@ -32,6 +32,7 @@ from server.swarm.pictures import DecoderMaker, Pictures
 from server.swarm.protocol import ProtocolError, decode_state
 from server.swarm.safety import Verdict, take_off_refusals
 from server.swarm.take_off import TakeOff
+from server.swarm.tap import Tap
 from server.swarm.video import VideoDecoder
 
 _LOG = logging.getLogger(__name__)
@@ -61,6 +62,7 @@ class Drone:
         operator_silence_s: Callable[[], float | None] = _no_operator,
         on_fired: Callable[[str, Fired], None] | None = None,
         on_land_all: Callable[[], None] | None = None,
+        tap: Tap | None = None,
     ) -> None:
         """Build it; nothing is opened yet.
 
@@ -74,6 +76,7 @@ class Drone:
             operator_silence_s: Seconds without a sign of the operator; None while none is attached.
             on_fired: Called with the drone's id when a row of the failsafe table begins to fire.
             on_land_all: Lands the whole fleet; without it this drone lands alone.
+            tap: Is told of every datagram and report.
         """
         self.config = config
         self.bad_states = 0
@@ -81,6 +84,7 @@ class Drone:
         self._safety = safety if safety is not None else SafetyConfig()
         self._timing = timing = timing if timing is not None else TimingConfig()
         self._clock = clock
+        self._tap = tap if tap is not None else Tap()
         self._operator_silence_s = operator_silence_s
         self._asking = Asking(config.id, self._send, clock, timing)
         self._pictures = Pictures(config.id, clock, decoder)
@@ -103,7 +107,7 @@ class Drone:
     # Life ------------------------------------------------------------------------------------
 
     async def __aenter__(self) -> Drone:
-        await self._link.open(self._take_reply, self._take_state, self._pictures.feed)
+        await self._link.open(self._take_reply, self._take_state, self._take_video)
         await self._pictures.open()
         self._beating = asyncio.create_task(self._beat_on(), name=f"beat {self.config.id}")
         return self
@@ -201,6 +205,21 @@ class Drone:
         """
         return await self._pictures.next(after)
 
+    async def next_in_order(self) -> Frame:
+        """Return the next picture that was not returned yet; for one reader alone.
+
+        Who reads too slowly loses pictures, see ``pictures_skipped``.
+
+        Raises:
+            DroneError: If the drone is closed meanwhile.
+        """
+        return await self._pictures.next_in_order()
+
+    @property
+    def pictures_skipped(self) -> int:
+        """Pictures that the reader of ``next_in_order`` was too slow for."""
+        return self._pictures.skipped
+
     def observe_flight(self, readings: FlightReadings, now_s: float) -> None:
         """Take what the pilot believes of this drone; due many times a second while it is flown.
 
@@ -290,6 +309,7 @@ class Drone:
         if self._flight.doing == "landing":
             self._flight.orders.observe_reply(datagram, arrived_s)
         self._asking.receive(datagram, arrived_s)
+        self._tap.replied(self.config.id, datagram, arrived_s)
 
     def _take_state(self, datagram: bytes, arrived_s: float) -> None:
         try:
@@ -301,10 +321,16 @@ class Drone:
         self._connection.observe_state(telemetry)
         self._flight.observe_state(telemetry)
         self._state_arrived.set()
+        self._tap.reported(telemetry, self.activity)
+
+    def _take_video(self, datagram: bytes, arrived_s: float) -> None:
+        self._pictures.feed(datagram, arrived_s)
+        self._tap.filmed(self.config.id, datagram, arrived_s)
 
     def _send(self, datagram: bytes) -> None:
         self._sent_s = self._clock()
         self._link.send(datagram)
+        self._tap.sent(self.config.id, datagram, self._sent_s)
 
     # The beat --------------------------------------------------------------------------------
 

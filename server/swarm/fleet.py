@@ -18,6 +18,7 @@ from server.swarm.link import DroneLink, PortBoard, UdpDroneLink
 from server.swarm.pictures import DecoderMaker
 from server.swarm.search import StationSearch
 from server.swarm.station import Progress
+from server.swarm.tap import Tap
 from server.swarm.video import VideoDecoder
 
 _LOG = logging.getLogger(__name__)
@@ -53,6 +54,7 @@ class Fleet:
         config: Who they are and where they start.
         drones: By id, in fleet order.
         fired: The newest notes of failsafes that began to fire, oldest first.
+        tap: Where everything that passes between us and the drones can be heard.
     """
 
     def __init__(
@@ -66,6 +68,7 @@ class Fleet:
     ) -> None:
         """Build the fleet; ``links`` by drone id replace the usual UDP links."""
         self.config = config
+        self.tap = Tap()
         self.fired: deque[FiredNote] = deque(maxlen=_NOTES_KEPT)
         self._clock = clock
         self._operator_s: float | None = None
@@ -85,6 +88,7 @@ class Fleet:
                 operator_silence_s=self._operator_silence_s,
                 on_fired=self._note_fired,
                 on_land_all=self.land,
+                tap=self.tap,
             )
             for drone in config.drones
         }

@@ -12,6 +12,9 @@ from server.swarm.errors import DroneError
 from server.swarm.video_rate import VideoRate
 
 _FPS_WINDOW_S = 3.0
+# Pictures that may wait to be looked at. A key picture or a long search is a matter of two or
+# three; more waiting would make a drone fly by what was, not by what is.
+_WAITING = 6
 
 
 class FrameDecoder(Protocol):
@@ -42,12 +45,16 @@ class Pictures:
         newest: Newest decoded picture, None before the first.
         wanted: True while the video is meant to be on.
         rate: What bit rate it should have.
+        skipped: Pictures that nobody took from ``next_in_order`` in time.
     """
 
     def __init__(self, drone_id: str, clock: Callable[[], float], decoder: DecoderMaker) -> None:
         self.newest: Frame | None = None
         self.wanted = False
         self.rate = VideoRate()
+        self.skipped = 0
+        self._waiting: deque[Frame] = deque()
+        self._in_order = False  # Somebody takes every picture.
         self._drone_id = drone_id
         self._clock = clock
         self._decoder = decoder(drone_id, self._take_frame)
@@ -115,8 +122,28 @@ class Pictures:
             await self._arrived.wait()
         return self.newest
 
+    async def next_in_order(self) -> Frame:
+        """Return the next picture that was not returned yet; for one reader alone.
+
+        Few may wait: when one too many comes, all but the newest are skipped and counted.
+
+        Raises:
+            DroneError: If the drone is closed meanwhile.
+        """
+        self._in_order = True
+        while not self._waiting:
+            if self._closed:
+                raise DroneError(f"{self._drone_id}: closed")
+            await self._arrived.wait()
+        return self._waiting.popleft()
+
     def _take_frame(self, frame: Frame) -> None:
         self.newest = frame
+        if self._in_order:
+            if len(self._waiting) >= _WAITING:
+                self.skipped += len(self._waiting)
+                self._waiting.clear()
+            self._waiting.append(frame)
         now_s = self._clock()
         self._times.append(now_s)
         self.rate.observe(now_s, frame.damaged)

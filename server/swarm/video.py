@@ -8,13 +8,9 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
-import av
-import numpy as np
-from av.codec.context import Flags
-from av.error import FFmpegError
-
 from server.stages import Frame
 from server.swarm.access_units import AccessUnit, AccessUnits
+from server.swarm.unit_decoder import UnitDecoder
 
 _LOG = logging.getLogger(__name__)
 
@@ -29,14 +25,13 @@ class VideoDecoder:
     the next key picture. An async context manager; leaving it ends the thread.
 
     Attributes:
-        errors: Pictures that the decoder refused or patched up.
         overflows: Times the backlog was dropped.
     """
 
     def __init__(self, drone_id: str, on_frame: Callable[[Frame], None]) -> None:
-        self.errors = 0
         self.overflows = 0
         self._drone_id = drone_id
+        self._decoder = UnitDecoder(drone_id)
         self._on_frame = on_frame
         self._units = AccessUnits()
         self._waiting: deque[AccessUnit] = deque()
@@ -60,6 +55,11 @@ class VideoDecoder:
         if self._thread is not None:
             await asyncio.to_thread(self._thread.join, 5.0)
 
+    @property
+    def errors(self) -> int:
+        """Pictures that the decoder refused or patched up."""
+        return self._decoder.errors
+
     def feed(self, datagram: bytes, arrived_s: float) -> None:
         """Take one video datagram; never blocks for long and never raises for bad data."""
         units = self._units.feed(datagram, arrived_s)
@@ -79,39 +79,8 @@ class VideoDecoder:
             return None if self._closing else self._waiting.popleft()
 
     def _run(self) -> None:
-        codec = _open_codec()
-        damaged = True
-        running = False  # Until the first key picture there is nothing to decode.
-        sequence = 0
         while (unit := self._next_unit()) is not None:
-            if unit.key:
-                running = True
-                if unit.has_sets:
-                    # What a decoder keeps of a broken picture spoils even the next key picture,
-                    # unnoticed, and flushing does not help; a new one costs next to nothing.
-                    codec, damaged = _open_codec(), False
-            if not running:
-                continue
-            damaged = damaged or unit.damaged
-            try:
-                pictures = codec.decode(av.Packet(unit.data))
-                # Converting may fail, too: rubbish can announce any size and pixel format.
-                images = [picture.to_ndarray(format="bgr24") for picture in pictures]
-            except FFmpegError:
-                self.errors += 1
-                damaged = True
-                continue
-            except Exception:  # noqa: BLE001  # The thread outlives any one picture.
-                _LOG.exception("%s: decoder failed, starts anew", self._drone_id)
-                codec, running, damaged = _open_codec(), False, True
-                continue
-            if len(pictures) != 1 or any(picture.is_corrupt for picture in pictures):
-                self.errors += 1
-                damaged = True
-            for picture in images:
-                image = np.ascontiguousarray(picture, np.uint8)
-                frame = Frame(self._drone_id, sequence, unit.captured_s, image, damaged)
-                sequence += 1
+            for frame in self._decoder.decode(unit):
                 self._hand_over(frame)
 
     def _hand_over(self, frame: Frame) -> None:
@@ -121,13 +90,3 @@ class VideoDecoder:
         except RuntimeError:
             # The loop is gone: the program is ending and nobody wants pictures any more.
             _LOG.debug("%s: picture after the end of the event loop", self._drone_id)
-
-
-def _open_codec() -> av.VideoCodecContext:
-    codec = av.CodecContext.create("h264", "r")
-    assert isinstance(codec, av.VideoCodecContext)
-    codec.thread_count = 1
-    # Without this the decoder may hold pictures back: the drone's SPS does not bound reordering.
-    codec.flags |= Flags.low_delay
-    codec.options = {"err_detect": "crccheck+bitstream+buffer"}
-    return codec

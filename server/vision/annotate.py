@@ -37,21 +37,32 @@ def _label(canvas: np.ndarray, text: str, x: int, y: int, colour: tuple[int, int
 def _draw_region(
     canvas: np.ndarray, region: Region, frame_size: tuple[int, int], colour: tuple[int, int, int]
 ) -> None:
-    contours, _ = cv2.findContours(
-        region.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE
-    )
+    mask = np.ascontiguousarray(region.mask).view(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     factor = region.mask_scale * np.array(
         [canvas.shape[1] / frame_size[0], canvas.shape[0] / frame_size[1]]
     )
-    outlines = [np.rint((contour + 0.5) * factor).astype(np.int32) for contour in contours]
+    outlines = [((contour + 0.5) * factor + 0.5).astype(np.int32) for contour in contours]
     cv2.polylines(canvas, outlines, True, _INK, 3)
     cv2.polylines(canvas, outlines, True, colour, 1)
 
 
+def _turn_text(yaw_error_rad: float) -> str:
+    """Return how far and which way to turn to face the object (equation 4), in whole degrees."""
+    degrees = round(abs(float(np.rad2deg(yaw_error_rad))))
+    if degrees == 0:
+        return "facing"
+    return f"{degrees} deg to the {'left' if yaw_error_rad > 0.0 else 'right'}"
+
+
 def _draw_box(
-    canvas: np.ndarray, box: Box, frame_size: tuple[int, int], colour: tuple[int, int, int]
+    canvas: np.ndarray,
+    box: Box,
+    frame_size: tuple[int, int],
+    colour: tuple[int, int, int],
+    yaw_error_rad: float | None,
 ) -> None:
-    """Draw box, centroid and the error vector from the picture's centre to the centroid."""
+    """Draw box, centroid, the error vector from the picture's centre and what is known of it."""
     height, width = canvas.shape[:2]
     factor = np.array([width / frame_size[0], height / frame_size[1]])
     left, top, right, bottom = (
@@ -62,7 +73,10 @@ def _draw_box(
     cv2.arrowedLine(canvas, (width // 2, height // 2), (cx, cy), _WHITE, 1, cv2.LINE_AA, 0, 0.08)
     cv2.circle(canvas, (cx, cy), 4, colour, -1, cv2.LINE_AA)
     edge = ", cut off" if box.touches_edge else ""
-    _label(canvas, f"object {100 * box.confidence:.0f} %{edge}", int(left), int(top) - 22, colour)
+    turn = "" if yaw_error_rad is None else f", {_turn_text(yaw_error_rad)}"
+    text = f"object {100 * box.confidence:.0f} %{turn}{edge}"
+    # Never over the drone's name in the corner.
+    _label(canvas, text, int(left), max(int(top) - 22, 34), colour)
 
 
 def annotate(
@@ -72,10 +86,15 @@ def annotate(
     name: str,
     colour: str,
     *,
+    yaw_error_rad: float | None = None,
+    note: str = "",
     size: tuple[int, int] = (640, 480),
     quality: int = 70,
 ) -> bytes:
-    """Return ``frame`` as JPEG with region outline, box, centroid, error vector and drone name.
+    """Return ``frame`` as JPEG with what was seen in it drawn in.
+
+    Drawn are the region's outline, the box with its confidence, its centroid, the error vector from
+    the picture's centre to it, the orientation and the drone's name.
 
     Args:
         frame: The picture.
@@ -83,6 +102,9 @@ def annotate(
         box: Its box, None when the object was not seen.
         name: The drone's display name.
         colour: The drone's display colour, ``#rrggbb``.
+        yaw_error_rad: How far the drone must turn to face the box, counter-clockwise positive,
+            see ``orientation.yaw_error``; None leaves it out.
+        note: What else there is to say of the picture.
         size: Width and height of the JPEG, pixels.
         quality: JPEG quality, 1 to 100.
 
@@ -90,19 +112,19 @@ def annotate(
         ValueError: If ``colour`` is malformed or the picture cannot be encoded.
     """
     bgr = _bgr_from_hex(colour)
-    height, width = frame.image_bgr.shape[:2]
-    canvas = cv2.resize(frame.image_bgr, size, interpolation=cv2.INTER_LINEAR)
+    width, height = frame.size_px
+    canvas = frame.reduced_bgr(*size)
     centre = (size[0] // 2, size[1] // 2)
     cv2.drawMarker(canvas, centre, _WHITE, cv2.MARKER_CROSS, 14, 1)
     if region is not None:
         _draw_region(canvas, region, (width, height), bgr)
     if box is not None:
-        _draw_box(canvas, box, (width, height), bgr)
+        _draw_box(canvas, box, (width, height), bgr, yaw_error_rad)
     _label(canvas, name, 8, 8, bgr)
     if box is None:
         _label(canvas, "object not seen", 8, 34, _WHITE)
-    if frame.damaged:
-        _label(canvas, "picture damaged", 8, 60, _WHITE)
+    if frame.damaged or note:
+        _label(canvas, note or "picture damaged", 8, 60, _WHITE)
     done, jpeg = cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise ValueError("annotate: the picture could not be encoded as JPEG")

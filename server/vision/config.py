@@ -36,7 +36,9 @@ class RegionConfig:
             of the picture's width, around the picture's centre.
         histogram_bins: Bins per Lab channel of the colour model.
         refine_iterations: GrabCut iterations of a refined mask.
-        refine_every: The tracker refines every this many frames.
+        key_s: A tracked object is searched anew this long after the last search, seconds.
+        refollow_s: Where following failed, a search waits this long after the last one, seconds.
+        retry_s: An object that is not seen is searched for this often, seconds.
         min_area_share: Smallest mask accepted, share of the picture.
         max_area_share: Largest mask accepted, share of the picture.
         min_confidence: Below this a region counts as nothing.
@@ -53,10 +55,12 @@ class RegionConfig:
     prior_sigma_px: float = 0.25
     histogram_bins: int = 16
     refine_iterations: int = 2
-    refine_every: int = 8
+    key_s: float = 1.0
+    refollow_s: float = 0.25
+    retry_s: float = 0.5
     min_area_share: float = 0.002
     max_area_share: float = 0.6
-    min_confidence: float = 0.15
+    min_confidence: float = 0.05
 
     def __post_init__(self) -> None:
         _require_positive(self)
@@ -74,11 +78,23 @@ class SeedConfig:
     """How views become the crude geometry of the object.
 
     Attributes:
-        slices: Boxes the object is cut into along the vertical.
+        slices: Most boxes the object is cut into.
         min_views: Fewest views that are combined.
         pair_min_rad: Two views are an orthogonal pair from this angle between their directions on,
             radians; and up to pi minus it.
-        agreement: Share of the views that see a place which must hold it to be the object.
+        agreement: Share of the views that see a place whose boxes must hold it to be the object.
+        shape_doubt: For the boxes inside the outer one, the regions' shapes must hold a place to be
+            the object by all votes but this share divided by the root of their number.
+        closing_share: Gaps in a region's shape are closed up to this share of its size; from 1 on
+            the shape is its convex hull.
+        tolerance_px: A region's border may be wrong by this much, full-picture pixels.
+        fade_share: Farther out a view's vote fades to nothing within this share of its box's
+            larger side.
+        least_agreement: Fewest votes of the regions' shapes ever asked for, as a share.
+        explained: Share of the views' boxes that the boxes must account for; until then fewer
+            votes are asked for.
+        least_piece: Loose pieces below this share of the largest are dropped.
+        least_saved: A cut must free this share of the object's volume.
         voxels: Cells along each axis of the carved space.
         margin_m: Every outer face is moved outwards by this much, metres.
         min_size_m: Smallest edge of any box, metres.
@@ -86,11 +102,19 @@ class SeedConfig:
             beyond it the views do not look at the same thing.
     """
 
-    slices: int = 6
+    slices: int = 12
     min_views: int = 2
     pair_min_rad: float = 0.785
     agreement: float = 0.75
-    voxels: int = 56
+    shape_doubt: float = 0.1
+    closing_share: float = 1.0
+    tolerance_px: float = 4.0
+    fade_share: float = 0.1
+    least_agreement: float = 0.5
+    explained: float = 0.9
+    least_piece: float = 0.05
+    least_saved: float = 0.01
+    voxels: int = 40
     margin_m: float = 0.01
     min_size_m: float = 0.03
     max_miss_m: float = 0.8
@@ -99,8 +123,35 @@ class SeedConfig:
         _require_positive(self)
         _require(self.min_views >= 2, "min_views", "must be at least 2")
         _require(self.pair_min_rad < 1.5707, "pair_min_rad", "must be below a right angle")
-        _require(self.agreement <= 1.0, "agreement", "must be at most 1")
+        for name in ("agreement", "least_agreement", "explained", "least_piece", "least_saved"):
+            _require(getattr(self, name) <= 1.0, name, "must be at most 1")
+        _require(self.shape_doubt < 1.0, "shape_doubt", "must be below 1")
         _require(self.voxels >= self.slices, "voxels", "must be at least slices")
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementConfig:
+    """When the drones' regions are of one object.
+
+    Attributes:
+        gate: A view disagrees beyond this many standard deviations.
+        centroid_share: Standard deviation of a box's centre about the object's, as a share of the
+            box's larger side: the box's centre differs from side to side.
+        cut_off_share: The same of a box that the picture's edge cuts off.
+        floor_m: Standard deviation of a ray's place that no pose is better than, metres.
+        distance_m: Assumed distance of the object where the views have no point in common, metres.
+        size_log_sigma: Standard deviation of the logarithm of a box's height in metres.
+    """
+
+    gate: float = 3.0
+    centroid_share: float = 0.1
+    cut_off_share: float = 0.5
+    floor_m: float = 0.03
+    distance_m: float = 2.0
+    size_log_sigma: float = 0.2
+
+    def __post_init__(self) -> None:
+        _require_positive(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,9 +231,11 @@ class VisionConfig:
     Attributes:
         region: Finding the object in a picture.
         seed: Combining views.
+        agreement: Whether views are of one object.
         localization: Poses of drones and object.
     """
 
     region: RegionConfig = field(default_factory=RegionConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
+    agreement: AgreementConfig = field(default_factory=AgreementConfig)
     localization: LocalizationConfig = field(default_factory=LocalizationConfig)

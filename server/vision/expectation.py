@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,11 +10,14 @@ from server.geometry.cameras import Intrinsics
 from server.stages import CameraPose, SeedGeometry
 from server.vision.ground import ground_seen
 from server.vision.localization import TargetEstimate
-from server.vision.region import RegionPrior
+from server.vision.prior import RegionPrior
 
 # A box's centroid differs from the projection of the object's centre by this share of its size.
 _CENTROID_SHARE = 0.15
 _SMALLEST_SIGMA_PX = 20.0
+# Standard deviations that an object's height hardly exceeds its estimate by.
+_SURELY = 1.6
+_NEAREST_M, _FAR_OUTSIDE_PX = 0.2, -1e5
 # Half the extent of an object of unknown size, and how far beyond it the floor is surely free.
 _UNKNOWN_EXTENT_M = 0.4
 _CLEAR_M = 1.5
@@ -24,8 +28,10 @@ def expected_region(
     target: TargetEstimate,
     intrinsics: Intrinsics,
     seed: SeedGeometry | None = None,
-) -> RegionPrior | None:
-    """Return the prior for the region search, or None when the object is behind the camera.
+) -> RegionPrior:
+    """Return the prior for the region search.
+
+    An object beside or behind the camera is expected far outside of the picture.
 
     Args:
         pose: The drone's believed pose.
@@ -36,8 +42,8 @@ def expected_region(
     centre = target.centre if seed is None else seed.outer.centre
     pixels, depths = intrinsics.project(centre[None], pose.T_world_cam)
     depth_m = float(depths[0])
-    if depth_m < 0.2:
-        return None
+    if depth_m < _NEAREST_M:
+        return RegionPrior(np.array([_FAR_OUTSIDE_PX, 0.0]), _SMALLEST_SIGMA_PX)
     size = None if seed is None else _expected_size(seed, pose.T_world_cam, intrinsics)
     yaw_sigma = float(np.sqrt(pose.covariance[3, 3]))
     spread_m = np.hypot(pose.position_sigma_m, target.sigma_m)
@@ -47,7 +53,37 @@ def expected_region(
     distance_m = float(np.hypot(*(centre - pose.position_world)[:2]))
     extent_m = _UNKNOWN_EXTENT_M if seed is None else 0.5 * float(np.hypot(*seed.outer.size[:2]))
     ground = ground_seen(pose, distance_m, extent_m + 2.0 * spread_m, _CLEAR_M, intrinsics)
-    return RegionPrior(pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), size, ground)
+    if seed is None:
+        highest = _highest_row(pose, target, intrinsics)
+        return RegionPrior(
+            pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), None, ground, (), highest
+        )
+    outlines = _outlines(seed, pose.T_world_cam, intrinsics)
+    return RegionPrior(pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), size, ground, outlines)
+
+
+def _highest_row(pose: CameraPose, target: TargetEstimate, intrinsics: Intrinsics) -> float | None:
+    """Return the row that an object of the estimated height hardly exceeds, None when unknown."""
+    sigma_m = float(np.sqrt(target.covariance[2, 2]))
+    stretch = float(np.exp(_SURELY * np.sqrt(target.covariance[3, 3])))
+    up_m = 0.5 * target.height_m * stretch + _SURELY * sigma_m
+    top = target.centre + np.array([0.0, 0.0, up_m])
+    pixels, depths = intrinsics.project(top[None], pose.T_world_cam)
+    return float(pixels[0, 1]) if depths[0] > _NEAREST_M else None
+
+
+def _outlines(
+    seed: SeedGeometry, T_world_cam: NDArray[np.float64], intrinsics: Intrinsics
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the convex outlines of the slices, none when one is partly behind the camera."""
+    outlines = []
+    for box in seed.boxes:
+        pixels, depths = intrinsics.project(box.corners, T_world_cam)
+        if (depths < 0.1).any():
+            return ()
+        hull = cv2.convexHull(pixels.astype(np.float32))
+        outlines.append(hull[:, 0].astype(np.float64))
+    return tuple(outlines)
 
 
 def _expected_size(

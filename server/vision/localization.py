@@ -91,8 +91,9 @@ class TargetEstimator:
     L_i - L0, and together they know L0 + sum_i (L_i - L0).
     """
 
-    def __init__(self, config: LocalizationConfig) -> None:
-        self._prior = prior_target(config)
+    def __init__(self, config: LocalizationConfig, prior: TargetEstimate | None = None) -> None:
+        """Begin with ``prior``, which every filter must begin with too; None: the config's."""
+        self._prior = prior_target(config) if prior is None else prior
         self._beliefs: dict[str, TargetEstimate] = {}
 
     def observe(self, drone_id: str, belief: TargetEstimate) -> None:
@@ -168,6 +169,24 @@ class PoseFilter:
         self._cov = np.zeros((_SIZE, _SIZE))
         self._cov[:10, :10] = np.diag(sigmas**2)
         self._cov[_T, _T] = self._prior.covariance
+
+    def begin_target(self, prior: TargetEstimate) -> None:
+        """Believe ``prior`` of the object and forget what boxes said of it before.
+
+        The pose keeps its estimate. The slow errors of the box go as well: they were those of
+        whatever the boxes showed.
+        """
+        self._prior = prior
+        self._others = None
+        spread = np.array([self._config.box_bias_rad, self._config.box_bias_rad])
+        for part, mean, cov in (
+            (_O, np.zeros(3), np.diag(np.append(spread, self._config.size_bias) ** 2)),
+            (_T, prior.vector, prior.covariance),
+        ):
+            self._x[part] = mean
+            self._cov[part, :] = 0.0
+            self._cov[:, part] = 0.0
+            self._cov[part, part] = cov
 
     # Prediction -----------------------------------------------------------------------------
 

@@ -1,9 +1,8 @@
-"""From a blob to a mask that encloses the object: colour models and GrabCut.
+"""From a blob to a mask: colour models and connected pieces.
 
 A blob says where and how large; the mask says which pixels. Pixels are told apart by how much more
 probable their colour is on the object than in its surroundings (log ratio of two smoothed Lab
-histograms), by where they lie and, when refined, by GrabCut's edges (Rother et al., SIGGRAPH 2004).
-All coordinates are working pixels.
+histograms) and by where they lie. All coordinates are working pixels.
 """
 
 from __future__ import annotations
@@ -129,30 +128,6 @@ def first_guess(
     if not mask.any():
         mask = r_core < 1.0
     return mask, model
-
-
-def grab_cut(image_bgr: Image, mask: Mask, window: Window, iterations: int) -> Mask:
-    """Return ``mask`` refined by GrabCut within ``window``, which is sure to hold the object."""
-    shape = (mask.shape[0], mask.shape[1])
-    r = window.radius(shape)
-    labels = np.where(mask, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    labels[r >= 1.0] = cv2.GC_BGD
-    # Only the neighbourhood of the window is cut: farther surroundings cost time and mislead.
-    left = max(0, int(window.x_px - 1.45 * window.half_width_px))
-    right = min(shape[1], int(window.x_px + 1.45 * window.half_width_px) + 2)
-    top = max(0, int(window.y_px - 1.45 * window.half_height_px))
-    bottom = min(shape[0], int(window.y_px + 1.45 * window.half_height_px) + 2)
-    crop = labels[top:bottom, left:right].copy()
-    foreground = np.isin(crop, (cv2.GC_FGD, cv2.GC_PR_FGD))
-    if foreground.sum() < 10 or (~foreground).sum() < 10:
-        return mask & (r < 1.0)
-    part = np.ascontiguousarray(image_bgr[top:bottom, left:right])
-    background_gmm, foreground_gmm = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.setRNGSeed(0)  # GrabCut starts from k-means; the same picture must give the same mask.
-    cv2.grabCut(part, crop, None, background_gmm, foreground_gmm, iterations, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
-    out = np.zeros(shape, bool)
-    out[top:bottom, left:right] = np.isin(crop, (cv2.GC_FGD, cv2.GC_PR_FGD))
-    return out
 
 
 def keep_object(mask: Mask, x_px: float, y_px: float, reach_px: float) -> Mask:

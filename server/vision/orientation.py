@@ -9,9 +9,10 @@ centroid gives it.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from server.geometry.axes import R_BODY_LEVEL_CAM
 from server.geometry.cameras import Intrinsics
@@ -41,7 +42,9 @@ def orientation(camera_centre: Array, box_centroid: Array, box_normal: Array) ->
 def centroid_direction_body(box: Box, intrinsics: Intrinsics, tilt_rad: float) -> Array:
     """Return the unit direction ``(3,)`` of the box's centroid in levelled body FLU axes."""
     direction_cam = intrinsics.directions(box.centroid_px[None])[0]
-    tilt = Rotation.from_euler("y", tilt_rad).as_matrix()
+    # The camera looks down by a positive turn about the body's left axis.
+    c, s = math.cos(tilt_rad), math.sin(tilt_rad)
+    tilt = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     return tilt @ R_BODY_LEVEL_CAM @ direction_cam
 
 

@@ -14,6 +14,7 @@ what surrounds them, or differ in colour alone, so the magnitude over the Lab ch
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -23,10 +24,6 @@ from numpy.typing import NDArray
 from server.vision.config import RegionConfig
 
 Array32 = NDArray[np.float32]
-
-# Beyond this sigma an octave is halved first: a kernel of six sigmas stays short and the result
-# stays exact to a few per cent because the picture has no detail left at that scale.
-_OCTAVE_SIGMA = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,59 +81,55 @@ def log_response(channels: Array32, sigma_px: float) -> Array32:
 def log_stack(channels: Array32, sigmas_px: Array32, chroma_weight: float = 1.0) -> Array32:
     """Return |R| ``(n, h, w)`` of a Lab picture ``(h, w, 3)`` for every sigma, working pixels.
 
-    Large scales are filtered on halved pictures (one halving per octave) and enlarged again.
+    Nothing is approximated, so it is slow: it defines what ``server.vision.pyramid`` computes.
     """
-    height, width = channels.shape[:2]
-    weights = np.array([1.0, chroma_weight, chroma_weight], np.float32)
-    stack = np.empty((len(sigmas_px), height, width), np.float32)
-    octave, factor = channels * weights, 1.0
-    for i, sigma in enumerate(np.asarray(sigmas_px, float)):
-        while sigma / factor > _OCTAVE_SIGMA and min(octave.shape[:2]) >= 16:
-            size = (octave.shape[1] // 2, octave.shape[0] // 2)
-            halved = cv2.resize(octave, size, interpolation=cv2.INTER_AREA)
-            octave = halved.astype(np.float32, copy=False)
-            factor *= 2.0
-        # Halving is itself a box blur of two pixels, variance (factor^2 - 1) / 12 in all.
-        rest = np.sqrt(sigma**2 - (factor**2 - 1.0) / 12.0) / factor
-        response = log_response(octave, float(rest)) * (sigma / (factor * rest)) ** 2
-        magnitude = np.sqrt((response**2).sum(axis=2))
-        if magnitude.shape != (height, width):
-            magnitude = cv2.resize(magnitude, (width, height), interpolation=cv2.INTER_LINEAR)
-        stack[i] = magnitude
-    return stack
+    weighted = channels * np.array([1.0, chroma_weight, chroma_weight], np.float32)
+    layers = [log_response(weighted, float(sigma)) for sigma in np.asarray(sigmas_px, float)]
+    return np.stack([np.sqrt((layer**2).sum(axis=2)) for layer in layers])
 
 
-def evidence_stack(evidence: Array32, sigmas_px: Array32) -> Array32:
-    """Return R ``(n, h, w)`` of one map ``(h, w)`` for every sigma; negative answers become zero.
+def parabola_peak(before: float, here: float, after: float) -> float:
+    """Return where three equidistant samples of a bell peak, from the middle one, -0.5 to 0.5.
 
-    What stands out positively is sought here: an object surprises more than what surrounds it.
+    The logarithm of a bell is nearly a parabola, the bell itself is not.
     """
-    layers = [log_response(evidence, float(sigma)) for sigma in sigmas_px]
-    return np.maximum(np.stack(layers), 0.0).astype(np.float32, copy=False)
+    low, middle, high = (math.log(max(v, 1e-6)) for v in (before, here, after))
+    curvature = low - 2.0 * middle + high
+    if curvature >= 0.0:
+        return 0.0
+    return max(-0.5, min(0.5, 0.5 * (low - high) / curvature))
+
+
+def interpolated(stack: Array32, k: int, y: int, x: int) -> tuple[float, float, float]:
+    """Return offsets of the maximum at a sample in x, y (samples) and scale (steps)."""
+    layer = stack[k]
+    here = float(layer[y, x])
+    dx = dy = ds = 0.0
+    if 0 < x < layer.shape[1] - 1:
+        dx = parabola_peak(float(layer[y, x - 1]), here, float(layer[y, x + 1]))
+    if 0 < y < layer.shape[0] - 1:
+        dy = parabola_peak(float(layer[y - 1, x]), here, float(layer[y + 1, x]))
+    if 0 < k < len(stack) - 1:
+        ds = parabola_peak(float(stack[k - 1, y, x]), here, float(stack[k + 1, y, x]))
+    return dx, dy, ds
 
 
 def find_blobs(stack: Array32, sigmas_px: Array32, min_response: float) -> list[Blob]:
     """Return the maxima of ``stack`` ``(n, h, w)`` in space and scale, strongest first (eq. 3).
 
     The first and the last scale count as maxima too when nothing beyond them was searched: an
-    object larger than the largest scale still answers there. Sigma is refined by a parabola in
-    log sigma where both neighbours exist.
+    object larger than the largest scale still answers there. Place and log sigma are refined by
+    parabolas where both neighbours exist. The sigmas are a geometric series.
     """
     kernel = np.ones((3, 3), np.uint8)
     in_space = np.stack([cv2.dilate(layer, kernel) for layer in stack])
+    step = float(sigmas_px[1] / sigmas_px[0]) if len(sigmas_px) > 1 else 1.0
     blobs: list[Blob] = []
-    log_sigma = np.log(np.asarray(sigmas_px, float))
-    for i, layer in enumerate(stack):
-        lower, upper = max(i - 1, 0), min(i + 1, len(stack) - 1)
-        neighbourhood = in_space[lower : upper + 1].max(axis=0)
-        ys, xs = np.nonzero((layer >= neighbourhood) & (layer >= min_response))
+    for k, layer in enumerate(stack):
+        highest = in_space[max(k - 1, 0) : k + 2].max(axis=0)
+        ys, xs = np.nonzero((layer >= highest) & (layer >= min_response))
         for y, x in zip(ys.tolist(), xs.tolist(), strict=True):
-            shift = 0.0
-            if 0 < i < len(stack) - 1:
-                before, here, after = (float(stack[j, y, x]) for j in (i - 1, i, i + 1))
-                curvature = before - 2.0 * here + after
-                shift = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0
-            step = log_sigma[1] - log_sigma[0] if len(log_sigma) > 1 else 0.0
-            sigma = float(np.exp(log_sigma[i] + np.clip(shift, -0.5, 0.5) * step))
-            blobs.append(Blob(float(x), float(y), sigma, float(layer[y, x])))
+            dx, dy, ds = interpolated(stack, k, y, x)
+            sigma = float(sigmas_px[k]) * step**ds
+            blobs.append(Blob(x + dx, y + dy, sigma, float(layer[y, x])))
     return sorted(blobs, key=lambda blob: -blob.response)

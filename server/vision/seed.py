@@ -9,15 +9,17 @@ and degrees, so a plain intersection may be empty. Three things keep it sound:
 2. places are kept by vote: a share of the views that see a place must hold it to be the object,
 3. a view abstains on places beyond its picture.
 
-First the boxes vote, which gives the outer box; then, inside it, the masks vote, and what is left
-is cut along the vertical into slices, one box each, where the cuts leave the least empty space.
+First the boxes vote, which gives the outer box; then, inside it, the regions' shapes vote
+(``server.vision.seed_carving``), and what they keep is cut into boxes where the cuts leave the
+least empty space (``server.vision.seed_boxes``). Nearly all views must hold a place, which removes
+what one of them took along; when that leaves less than the views' boxes show, because one of them
+lost a part or poses are wrong, fewer votes are asked for. Later views vote along with the first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +29,13 @@ from server.geometry.boxes import Box3, union
 from server.geometry.poses import inverse, transform_points
 from server.stages import SeedGeometry, View
 from server.vision.config import SeedConfig
+from server.vision.seed_boxes import Block, boxes_around
+from server.vision.seed_carving import Carving, carve, main_body
 
 Array = NDArray[np.float64]
-Grid = NDArray[np.bool_]
+
+# Votes asked for are lowered in steps of this share of the views.
+_STEP = 0.05
 
 
 class SeedError(ValueError):
@@ -55,25 +61,46 @@ def seed_from_views(views: Sequence[View], config: SeedConfig) -> SeedGeometry:
     half = _half_size(turned, centre)
     lower, upper = centre - half, centre + half
     lower[2], upper[2] = max(lower[2], 0.0), max(upper[2], config.min_size_m)
-    carved = _carve(turned, lower, upper, config, by_mask=False)
-    if not carved.any():
+    by_box = carve(turned, Box3(lower, upper), config, by_region=False)
+    outer = _around(by_box, config)
+    if outer is None:
         raise SeedError("the views' boxes have no place in common; were they taken of one object?")
-    outer = _bounds(carved, lower, upper, config).grown(config.margin_m)
-    by_mask = _carve(turned, outer.lower, outer.upper, config, by_mask=True)
-    boxes = _slices(by_mask, outer, config) if by_mask.any() else (outer,)
-    return SeedGeometry(outer, boxes, len(views))
+    outer = outer.grown(config.margin_m)
+    boxes, confidences = _boxes(turned, carve(turned, outer, config, by_region=True), config)
+    if not boxes:
+        boxes, confidences = (outer,), (0.0,)
+    return SeedGeometry(outer, boxes, len(views), confidences)
 
 
 def refine_seed(seed: SeedGeometry, views: Sequence[View], config: SeedConfig) -> SeedGeometry:
     """Return the geometry from all ``views`` so far, or ``seed`` itself when they make none.
 
     Later rounds never lose what earlier ones had: when the views cannot be combined the old
-    geometry stays.
+    geometry stays, and the operator's priorities stay in any case.
     """
     try:
-        return seed_from_views(views, config)
+        refined = seed_from_views(views, config)
     except SeedError:
         return seed
+    return replace(refined, priorities=seed.priorities)
+
+
+def kept_within(seed: SeedGeometry, outer: Box3) -> SeedGeometry:
+    """Return ``seed`` with ``outer`` as its outer box and its boxes cut to it.
+
+    When nothing is left, all of ``outer`` is the one box.
+    """
+    kept = [
+        (_clipped(box, outer), confidence)
+        for box, confidence in zip(seed.boxes, _padded(seed), strict=True)
+        if (np.minimum(box.upper, outer.upper) > np.maximum(box.lower, outer.lower)).all()
+    ] or [(outer, 0.0)]
+    boxes, confidences = zip(*kept, strict=True)
+    return replace(seed, outer=outer, boxes=boxes, confidences=confidences)
+
+
+def _padded(seed: SeedGeometry) -> tuple[float, ...]:
+    return seed.confidences or (0.0,) * len(seed.boxes)
 
 
 # Directions and the common centre ---------------------------------------------------------------
@@ -155,117 +182,73 @@ def _half_size(views: Sequence[View], centre: Array) -> float:
     return float(0.8 * np.median(sizes) + 0.15)
 
 
-# Carving ----------------------------------------------------------------------------------------
+# Boxes ------------------------------------------------------------------------------------------
 
 
-def _cell_centres(lower: Array, upper: Array, cells: int) -> Array:
-    """Return the cells' centres ``(cells^3, 3)``, x outermost."""
-    steps = (np.arange(cells) + 0.5) / cells
-    axes = [lower[a] + steps * (upper[a] - lower[a]) for a in range(3)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+def _around(carving: Carving, config: SeedConfig) -> Box3 | None:
+    """Return the box around what the views hold, no edge below the smallest size; None: nothing."""
+    filled = np.argwhere(carving.held(config.agreement))
+    if len(filled) == 0:
+        return None
+    return _no_thinner(carving.bounds(filled.min(axis=0), filled.max(axis=0) + 1), config)
 
 
-def _carve(
-    views: Sequence[View], lower: Array, upper: Array, config: SeedConfig, *, by_mask: bool
-) -> Grid:
-    """Return the cells ``(n, n, n)`` that enough of the views seeing them hold to be the object."""
-    points = _cell_centres(lower, upper, config.voxels)
-    votes, voters = np.zeros(len(points)), np.zeros(len(points))
+def _boxes(
+    views: Sequence[View], carving: Carving, config: SeedConfig
+) -> tuple[tuple[Box3, ...], tuple[float, ...]]:
+    """Return the boxes, lowest first, and per box how surely the object fills it.
+
+    They are of the strictest vote that still explains what the views show.
+    """
+    best_share, boxes, blocks = 0.0, (), []
+    strictest = 1.0 - config.shape_doubt / np.sqrt(len(views))
+    levels = np.arange(strictest, config.least_agreement - 1e-9, -_STEP)
+    for agreement in levels:
+        cells = main_body(carving.held(float(agreement)), config.least_piece)
+        tried = boxes_around(cells, config.slices, config.least_saved)
+        if not tried:
+            continue
+        fitted = tuple(_box(carving, block, config) for block in tried)
+        share = explained_share(views, fitted)
+        if share > best_share:
+            best_share, boxes, blocks = share, fitted, tried
+        if share >= config.explained:
+            break
+    return boxes, tuple(float(np.mean(block.of(carving.shares))) for block in blocks)
+
+
+def _box(carving: Carving, block: Block, config: SeedConfig) -> Box3:
+    box = _no_thinner(carving.bounds(block.first, block.end), config).grown(config.margin_m)
+    return _clipped(box, carving.space)
+
+
+def explained_share(views: Sequence[View], boxes: Sequence[Box3]) -> float:
+    """Return how much of the views' boxes a union of 3D boxes accounts for, 0 to 1.
+
+    Per view, the smaller of the covered shares of its box's width and height; of these the median,
+    so that one view that took a shadow along asks for nothing.
+    """
+    corners = np.concatenate([box.corners for box in boxes])
+    shares = []
     for view in views:
-        pixels, depths = view.intrinsics.project(points, view.pose.T_world_cam)
-        seen = (depths > 0.0) & view.intrinsics.contains(pixels)
-        votes[seen] += _in_mask(view, pixels[seen]) if by_mask else _in_box(view, pixels[seen])
-        # An object that touches no edge is wholly in the picture: what is outside is not it.
-        voters += seen if view.box.touches_edge else 1.0
-    # With one voter fewer than views a place is judged by the rest; unseen by most, it is out.
-    enough = voters >= max(2.0, 0.5 * len(views))
-    carved = enough & (votes >= config.agreement * voters - 1e-9)
-    return carved.reshape((config.voxels,) * 3)
+        pixels, depths = view.intrinsics.project(corners, view.pose.T_world_cam)
+        if (depths <= 0.0).any():
+            continue
+        left_top, right_bottom = view.box.xyxy_px[:2], view.box.xyxy_px[2:]
+        low = np.maximum(pixels.min(axis=0), left_top)
+        high = np.minimum(pixels.max(axis=0), right_bottom)
+        covered = np.maximum(high - low, 0.0) / np.maximum(right_bottom - left_top, 1.0)
+        shares.append(float(covered.min()))
+    return float(np.median(shares)) if shares else 0.0
 
 
-def _in_box(view: View, pixels: Array) -> Grid:
-    left, top, right, bottom = view.box.xyxy_px
-    x, y = pixels[:, 0], pixels[:, 1]
-    return (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
-
-
-def _in_mask(view: View, pixels: Array) -> Grid:
-    mask, scale = view.region.mask, view.region.mask_scale
-    columns = np.clip(((pixels[:, 0] + 0.5) / scale).astype(int), 0, mask.shape[1] - 1)
-    rows = np.clip(((pixels[:, 1] + 0.5) / scale).astype(int), 0, mask.shape[0] - 1)
-    return mask[rows, columns]
-
-
-def _bounds(carved: Grid, lower: Array, upper: Array, config: SeedConfig) -> Box3:
-    """Return the upright box around the carved cells, no edge below the smallest size."""
-    step = (upper - lower) / config.voxels
-    filled = np.argwhere(carved)
-    box = Box3(lower + filled.min(axis=0) * step, lower + (filled.max(axis=0) + 1) * step)
+def _no_thinner(box: Box3, config: SeedConfig) -> Box3:
     short = np.maximum(config.min_size_m - box.size, 0.0) / 2.0
     return Box3(box.lower - short, box.upper + short)
 
 
-# Slices -----------------------------------------------------------------------------------------
-
-
-def _slices(carved: Grid, outer: Box3, config: SeedConfig) -> tuple[Box3, ...]:
-    """Return one box per slice, bottom first, cut so that the boxes' total volume is least."""
-    layers = np.nonzero(carved.any(axis=(0, 1)))[0]
-    first, last = int(layers[0]), int(layers[-1]) + 1
-    cuts = best_cuts(_slab_areas(carved, first, last), min(config.slices, last - first))
-    boxes = []
-    for low, high in pairwise(cuts):
-        part = np.zeros_like(carved)
-        part[:, :, first + low : first + high] = carved[:, :, first + low : first + high]
-        if part.any():
-            boxes.append(_clipped(_bounds(part, outer.lower, outer.upper, config), outer))
-    return tuple(boxes)
-
-
 def _clipped(box: Box3, outer: Box3) -> Box3:
     return Box3(np.maximum(box.lower, outer.lower), np.minimum(box.upper, outer.upper))
-
-
-def _slab_areas(carved: Grid, first: int, last: int) -> Array:
-    """Return ``(n + 1, n + 1)``: footprint in cells of the box around layers [i, j)."""
-    n = last - first
-    limits = np.full((n, 4), [carved.shape[0], carved.shape[1], -1, -1])
-    for i in range(n):
-        filled = np.argwhere(carved[:, :, first + i])
-        if len(filled):
-            limits[i] = np.concatenate([filled.min(axis=0), filled.max(axis=0)])
-    areas = np.zeros((n + 1, n + 1))
-    for i in range(n):
-        low = np.minimum.accumulate(limits[i:, :2], axis=0)
-        high = np.maximum.accumulate(limits[i:, 2:], axis=0)
-        areas[i, i + 1 :] = np.prod(np.maximum(high - low + 1, 0), axis=1)
-    return areas
-
-
-def best_cuts(areas: Array, count: int) -> list[int]:
-    """Return ``count + 1`` rising layer numbers that cut the layers with least total volume.
-
-    Dynamic programming over (slices used, layers used).
-
-    Args:
-        areas: ``(n + 1, n + 1)``, footprint of layers [i, j) taken as one slice.
-        count: Number of slices, at most n.
-    """
-    n = len(areas) - 1
-    heights = np.arange(n + 1)
-    volumes = areas * np.maximum(heights[None, :] - heights[:, None], 0)
-    volumes[heights[None, :] <= heights[:, None]] = np.inf
-    best = np.full((count + 1, n + 1), np.inf)
-    best[0, 0] = 0.0
-    origin = np.zeros((count + 1, n + 1), int)
-    for k in range(1, count + 1):
-        totals = best[k - 1][:, None] + volumes
-        origin[k] = totals.argmin(axis=0)
-        best[k] = totals.min(axis=0)
-    cuts = [n]
-    for k in range(count, 0, -1):
-        cuts.append(int(origin[k, cuts[-1]]))
-    return cuts[::-1]
 
 
 def as_single_box(seed: SeedGeometry) -> Box3:

@@ -19,6 +19,7 @@ from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
+    PointedPlace,
     RefusedError,
     UnknownError,
 )
@@ -30,7 +31,9 @@ from server.mission.events import (
     EventStream,
     FailsafeFired,
     FrameAnnotated,
+    ObjectPointedOut,
     PlanFound,
+    PriorityPart,
     SeedFitted,
 )
 from server.stages import (
@@ -224,6 +227,7 @@ class FakeMission:
     checks: list[Check] = field(default_factory=checklist)
     table: FailsafeTable = field(default_factory=FailsafeTable)
     operator: list[str] = field(default_factory=list)
+    parts: dict[str, PriorityPart] = field(default_factory=dict)
 
     def drones(self) -> list[DroneReported]:
         return [self.reports.get(drone_id) or drone_report(drone_id) for drone_id in DRONES]
@@ -233,6 +237,33 @@ class FakeMission:
 
     def failsafes(self) -> tuple[Failsafe, ...]:
         return self.table.rows()
+
+    def point_out(self, drone_id: str, place: PointedPlace) -> ObjectPointedOut:
+        self._needs_picture(drone_id)
+        self.calls.append(("point_out", (drone_id, place)))
+        x, y = place[:2]
+        return ObjectPointedOut(drone_id, place if len(place) == 4 else (x, y, x + 0.1, y + 0.1))
+
+    def search_object(self, drone_id: str) -> None:
+        self._check(drone_id)
+        self.calls.append(("search", drone_id))
+
+    def priorities(self) -> list[PriorityPart]:
+        return list(self.parts.values())
+
+    def add_priority(
+        self, drone_id: str, drawn: tuple[float, float, float, float], weight: float
+    ) -> PriorityPart:
+        self._needs_picture(drone_id)
+        part = PriorityPart(f"part-{len(self.parts) + 1}", drone_id, drawn, weight)
+        self.parts[part.id] = part
+        return part
+
+    def drop_priorities(self, part_id: str | None = None) -> None:
+        if part_id is None:
+            self.parts.clear()
+        elif self.parts.pop(part_id, None) is None:
+            raise UnknownError(f"there is no part of priority {part_id!r}")
 
     def note_operator(self) -> None:
         self.operator.append("here")
@@ -304,6 +335,11 @@ class FakeMission:
     async def _perhaps_hang(self) -> None:
         if self.hangs:
             await self.released.wait()
+
+    def _needs_picture(self, drone_id: str) -> None:
+        self._check(drone_id)
+        if drone_id not in self.frames:
+            raise RefusedError(f"{drone_id} has no live picture to point at")
 
     def _check(self, drone_id: str) -> None:
         if drone_id not in DRONES:

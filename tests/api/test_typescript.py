@@ -26,6 +26,7 @@ def test_no_message_class_was_forgotten() -> None:
     known = {
         *typescript.members(messages.ServerMessage),
         *typescript.members(messages.ClientMessage),
+        *typescript.PARTS,
         messages.TileHeader,
     }
     public = {

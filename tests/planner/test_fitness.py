@@ -7,9 +7,10 @@ import pytest
 import trimesh
 from planner_objects import box, seed_of
 
+from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD, Intrinsics
 from server.planner.algorithm1 import Sight, algorithm1
-from server.planner.config import FitnessConfig
+from server.planner.config import AnnealingConfig, FitnessConfig
 from server.planner.fitness import (
     FitnessProblem,
     baseline,
@@ -17,11 +18,14 @@ from server.planner.fitness import (
     coverage,
     evaluate,
     overlap,
+    patch_weights,
+    problem_from_table,
     view_worth,
 )
+from server.planner.placement import place
 from server.planner.ring import facing
 from server.planner.visibility import pose_deviations, visibility_table
-from server.stages import SeedGeometry
+from server.stages import Priority, SeedGeometry
 
 CONFIG = FitnessConfig()
 
@@ -148,3 +152,47 @@ def test_twins_overlap_and_are_bad_neighbours() -> None:
     assert baseline(problem, spaced, 24) * 12 == pytest.approx(1.0, abs=0.01)
     assert baseline(problem, twins, 24) < 0.02
     assert baseline(problem, opposite, 24) == 0.0
+
+
+def test_a_marked_part_counts_as_often_as_was_asked_for(dog_problem: FitnessProblem) -> None:
+    samples = dog_problem.samples
+    top = float(samples.points[:, 2].max())
+    lower, upper = samples.points.min(axis=0), samples.points.max(axis=0)
+    lower[2] = top - 0.2 * (top - lower[2])
+    part = Box3(lower, upper)
+    inside = part.grown(1e-4).contains(samples.points)
+    assert 0 < inside.sum() < len(samples)
+    weights = patch_weights(samples, [Priority(part, 4.0), Priority(part, 2.0)])
+    assert (weights[inside] == 4.0).all()
+    assert (weights[~inside] == 1.0).all()
+    marked = problem_from_table(
+        dog_problem.candidates, samples, dog_problem.table, dog_problem.config, weights=weights
+    )
+    for plain, share in (
+        (dog_problem.area_share, marked.area_share),
+        (dog_problem.priority_share, marked.priority_share),
+    ):
+        assert share.sum() == pytest.approx(1.0)
+        outside = ~inside & (plain > 0.0)
+        some = inside & (plain > 0.0)
+        ratio = (share[some] / plain[some]).mean() / (share[outside] / plain[outside]).mean()
+        assert ratio == pytest.approx(4.0)
+
+
+def test_a_plan_looks_more_closely_at_a_marked_part(dog_problem: FitnessProblem) -> None:
+    samples = dog_problem.samples
+    side = samples.points[:, 0] > np.quantile(samples.points[:, 0], 0.8)
+    weights = np.where(side, 10.0, 1.0)
+    marked = problem_from_table(
+        dog_problem.candidates, samples, dog_problem.table, dog_problem.config, weights=weights
+    )
+    config = AnnealingConfig(swaps=3000, prove=False)
+
+    def views_of_side(problem: FitnessProblem) -> float:
+        placement = place(problem, 8, config, np.random.default_rng(0))
+        chosen = [problem.candidates.index(view) for view in placement.viewpoints]
+        seen = problem.quality[chosen].sum(axis=0)
+        share = samples.areas_m2 * side
+        return float(seen @ share / share.sum())
+
+    assert views_of_side(marked) > 1.1 * views_of_side(dog_problem)

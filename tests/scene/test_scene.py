@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -31,6 +32,8 @@ from server.mission.events import (
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
+    PrioritiesChanged,
+    PriorityPart,
     SeedFitted,
 )
 from server.scene.config import SceneConfig
@@ -354,3 +357,27 @@ def test_nothing_is_printed_and_nothing_works_unstarted(
     view.stop()
     captured = capfd.readouterr()
     assert captured.out == ""
+
+
+def test_parts_of_priority_are_boxes_once_they_are_found(drawn: Drawn) -> None:
+    waiting = PriorityPart("p1", "d1", (0.1, 0.1, 0.5, 0.5), 4.0)
+    box = Box3(np.array([-0.1, -0.1, 0.5]), np.array([0.1, 0.1, 0.8]))
+    drawn.draw(PrioritiesChanged((waiting,)))
+    assert drawn.scene.get_handle_by_name("/seed/priorities") is None
+    drawn.draw(PrioritiesChanged((waiting, replace(waiting, id="p2", box=box))))
+    node = drawn.node("/seed/priorities")
+    assert isinstance(node, viser.LineSegmentsHandle)
+    points = np.asarray(node.points)
+    assert points.shape == (12, 2, 3)
+    assert points.min(axis=(0, 1)) == pytest.approx(box.lower)
+    assert points.max(axis=(0, 1)) == pytest.approx(box.upper)
+    drawn.draw(PrioritiesChanged(()))
+    assert not drawn.node("/seed/priorities").visible
+
+
+def test_priorities_replace_those_that_wait_to_be_drawn() -> None:
+    mailbox = Mailbox(thumbnail_hz=5.0)
+    newest = PrioritiesChanged(())
+    assert mailbox.offer(PrioritiesChanged(()))
+    assert mailbox.offer(newest)
+    assert mailbox.take(0.0) == [newest]

@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import random
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -85,6 +86,10 @@ def resident_bytes() -> int:
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
 @contextmanager
 def nothing_fails() -> Iterator[None]:
     """The driver swallows exceptions of a beat and of a picture with a traceback in its log."""
@@ -97,13 +102,16 @@ def nothing_fails() -> Iterator[None]:
 
     handler = Collecting(logging.ERROR)
     logger = logging.getLogger("server.swarm")
+    loop_logger = logging.getLogger("asyncio")  # Where a callback's own failure goes.
     logger.addHandler(handler)
+    loop_logger.addHandler(handler)
     # Warnings about every second datagram would fill the memory of whoever collects them.
     before, logger.propagate = logger.propagate, False
     try:
         yield
     finally:
         logger.removeHandler(handler)
+        loop_logger.removeHandler(handler)
         logger.propagate = before
     assert not failures, failures[0].getMessage()
 
@@ -224,9 +232,14 @@ def test_video_survives_rubbish() -> None:
         nonlocal frames, damaged
         frames += 1
         damaged += frame.damaged
+        # Pictures are converted when they are needed, far from where errors of rubbish are caught.
+        assert frame.reduced_bgr(80, 60).shape == (60, 80, 3)
+        width, height = frame.size_px
+        if frames % 50 == 0:
+            assert frame.image_bgr.shape == (height, width, 3)
 
     async def run() -> None:
-        before = 0
+        before, files = 0, open_files()
         async with VideoDecoder("d", take) as decoder:
             for number in range(COUNT):
                 datagram = stream[number % len(stream)]
@@ -240,6 +253,8 @@ def test_video_survives_rubbish() -> None:
             assert len(decoder._units._buffer) <= 2 << 20
         await asyncio.sleep(0)
         bounded(before)
+        assert not any(thread.name == "video d" for thread in threading.enumerate())
+        assert open_files() == files
 
     with nothing_fails():
         asyncio.run(run())

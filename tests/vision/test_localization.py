@@ -10,7 +10,12 @@ from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
 from server.stages import Box, Telemetry
 from server.vision.config import LocalizationConfig
-from server.vision.localization import PoseFilter, TargetEstimator, prior_target
+from server.vision.localization import (
+    PoseFilter,
+    TargetEstimate,
+    TargetEstimator,
+    prior_target,
+)
 
 CONFIG = LocalizationConfig()
 STEP_S = 0.05
@@ -221,3 +226,22 @@ def test_the_estimator_counts_the_prior_once():
         estimator.observe(name, prior)
     np.testing.assert_allclose(estimator.estimate().covariance, prior.covariance, atol=1e-12)
     np.testing.assert_allclose(estimator.estimate().centre, prior.centre, atol=1e-12)
+
+
+def test_a_new_belief_of_the_object_leaves_the_pose_alone() -> None:
+    config = LocalizationConfig()
+    filter_ = PoseFilter(
+        "d", np.array([2.0, 0.0, 0.0]), np.pi, config, TELLO_INTRINSICS, TELLO_TILT_RAD
+    )
+    before = filter_.pose(0.0)
+    prior = TargetEstimate(np.array([0.6, 0.5, 0.4]), 0.5, np.eye(4) * 0.01)
+    target = TargetEstimator(config, prior)
+    filter_.begin_target(prior)
+    target.observe("d", filter_.target_belief())
+    after = filter_.pose(0.0)
+    assert after.T_world_cam == pytest.approx(before.T_world_cam)
+    assert after.covariance == pytest.approx(before.covariance)
+    # One who has seen nothing since adds nothing to what all know, or all but one.
+    for estimate in (target.estimate(), target.estimate(excluding="d")):
+        assert estimate.vector == pytest.approx(prior.vector)
+        assert estimate.covariance == pytest.approx(prior.covariance)

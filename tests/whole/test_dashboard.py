@@ -73,3 +73,55 @@ def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
         )
         assert refused.status == 409
         browser.close()
+
+
+def test_the_object_is_picked_by_a_drag_by_keys_and_taken_back(tmp_path):
+    with console(tmp_path, "--sim", "recycle_bin") as address, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=_ARGUMENTS
+        )
+        page = browser.new_page(viewport={"width": 390, "height": 844})
+        page.set_default_timeout(60_000)
+        expect.set_options(timeout=60_000)
+        page.goto(f"{address}/?token={TOKEN}")
+        pick, search = page.get_by_test_id("pick-drone-2"), page.get_by_test_id("search-drone-2")
+        surface = page.get_by_test_id("pick-surface")
+        answers = []
+        page.on(
+            "response",
+            lambda answer: (
+                answers.append(answer) if answer.url.endswith("/drone-2/object") else None
+            ),
+        )
+
+        pick.click()
+        page.keyboard.press("Escape")
+        expect(surface).to_have_count(0)
+
+        pick.click()
+        area = surface.bounding_box()
+        assert area is not None
+        page.mouse.move(area["x"] + area["width"] / 4, area["y"] + area["height"] / 4)
+        page.mouse.down()
+        page.mouse.move(area["x"] + area["width"] / 2, area["y"] + area["height"] * 3 / 4, steps=3)
+        expect(page.locator(".pick-drawn")).to_be_visible()
+        page.mouse.up()
+        expect(search).to_be_visible()
+        picked = answers[-1].json()["box"]
+        assert picked == pytest.approx([0.25, 0.25, 0.5, 0.75], abs=0.02)
+
+        search.click()
+        expect(search).to_have_count(0)
+
+        # The same by keys alone: a box in the middle, a step to the right, confirmed.
+        pick.focus()
+        page.keyboard.press("Enter")
+        expect(surface).to_be_focused()
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("ArrowRight")
+        page.keyboard.press("Enter")
+        expect(search).to_be_visible()
+        assert answers[-1].json()["box"] == pytest.approx([0.37, 0.3, 0.67, 0.7], abs=0.01)
+        # Nothing of all this was a HOLD, which the space bar still is.
+        expect(page.get_by_test_id("held-banner")).to_have_count(0)
+        browser.close()

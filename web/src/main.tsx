@@ -9,6 +9,7 @@ import "./styles/base.css";
 import "./styles/top.css";
 import "./styles/layout.css";
 import "./styles/fly.css";
+import "./styles/pick.css";
 import "./styles/mission.css";
 import "./styles/field.css";
 import "./styles/log.css";

@@ -6,12 +6,14 @@ import {
   type CaptureVerb,
 } from "./api/captures";
 import { commandDrone, type DroneCommand } from "./api/drones";
+import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
 import { RequestError } from "./api/request";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
 import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
 import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
+import type { Place, ShareBox } from "./pick/box";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
 import { fliesByItself } from "./state/state";
@@ -103,7 +105,7 @@ export class Operator {
 
   /** Give one drone a command; false, and an alarm, when it was not carried out. */
   async command(droneId: string, command: DroneCommand): Promise<boolean> {
-    const name = this.store.get().drones.get(droneId)?.report.name ?? droneId;
+    const name = this.#nameOf(droneId);
     const word = command === "cut_motors" ? en.stop.cut.word : en.fly.command[command];
     const accepted = await this.#carryOut(
       () => commandDrone(droneId, command),
@@ -114,6 +116,32 @@ export class Operator {
     if (command === "takeoff" || command === "rearm") this.#command.take();
     this.log("info", en.fly.command.sent(word), droneId);
     return true;
+  }
+
+  /** Say where the object is in a drone's picture; false, and an alarm, when it was refused. */
+  pickObject(droneId: string, place: Place): Promise<boolean> {
+    return this.#carryOut(
+      () => pickObject(droneId, place),
+      (reason) => en.pick.failed(this.#nameOf(droneId), reason),
+    );
+  }
+
+  /** Let a drone search the object by itself again; false, and an alarm, when it was refused. */
+  searchObject(droneId: string): Promise<boolean> {
+    return this.#carryOut(
+      () => searchObject(droneId),
+      (reason) => en.pick.failed(this.#nameOf(droneId), reason),
+    );
+  }
+
+  /** Want better pictures of what a drawn box shows; false, and an alarm, when it was refused. */
+  addPriority(droneId: string, box: ShareBox): Promise<boolean> {
+    return this.#carryOut(() => addPriority(droneId, box), en.pick.priorityFailed);
+  }
+
+  /** Forget a part of priority; false, and an alarm, when it was refused. */
+  dropPriority(partId: string): Promise<boolean> {
+    return this.#carryOut(() => dropPriority(partId), en.pick.priorityFailed);
   }
 
   /** Begin a capture; false, and an alarm, when it did not start. */
@@ -131,6 +159,10 @@ export class Operator {
     );
     if (accepted && verb === "resume") this.#command.take();
     return accepted;
+  }
+
+  #nameOf(droneId: string): string {
+    return this.store.get().drones.get(droneId)?.report.name ?? droneId;
   }
 
   async #carryOut(

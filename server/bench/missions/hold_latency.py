@@ -11,8 +11,6 @@ import asyncio
 import json
 import math
 import os
-import secrets
-import sys
 import tempfile
 import time
 from collections.abc import AsyncIterator
@@ -25,18 +23,18 @@ import httpx
 import numpy as np
 
 from server.app import free_loopback_block
+from server.bench.console_process import command, served_console, until_activity
 from server.geometry.cameras import TELLO_INTRINSICS
 from server.geometry.poses import look_at
 from server.jobs.runner import LocalRunner
 from server.jobs.spec import JobSpec
 from server.nerf.dataset import PosedFile, write_transforms
-from server.sim.config import SimConfig, fleet_config
+from server.sim.config import SimConfig
 from server.sim.drone import SimulatedDrone
 from server.sim.encoder import VideoEncoder
 from server.sim.tello import Outgoing, Sender, Tello
 
 _FPS = 10.0
-_START_S = 60.0
 _LATEST_S = 5.0
 # The drones hover before pictures of no object: not seeing it must not land them here.
 _WITHOUT_OBJECT = "[safety.failsafes]\nobject_age_s = {}\npose_sigma_m = {}\n"
@@ -70,13 +68,14 @@ async def _measure(presses: int, folder: Path) -> dict[str, Any]:
         for drone, tello in zip(drones, tellos, strict=True):
             drone.tello = tello
             await stack.enter_async_context(drone)
-        client = await stack.enter_async_context(_console(config, folder))
-        await _until_ready(client, len(drones))
+        served = served_console(config, folder, _WITHOUT_OBJECT)
+        client = (await stack.enter_async_context(served)).client
+        await until_activity(client, "ground", len(drones))
         video = asyncio.create_task(_stream(drones))
         stack.callback(video.cancel)
         for drone in drones:
-            await _command(client, drone.drone_id, "takeoff")
-        await _until(client, "flying", len(drones))
+            await command(client, drone.drone_id, "takeoff")
+        await until_activity(client, "flying", len(drones))
         await stack.enter_async_context(_load(folder))
         took_ms = [await _press(client, tellos) for _ in range(presses)]
         load = os.getloadavg()[0]
@@ -105,77 +104,9 @@ async def _press(client: httpx.AsyncClient, tellos: list[_HoldHearing]) -> float
     heard_s = max(tello.stopped_s for tello in tellos)
     await asyncio.sleep(0.5)
     for tello in tellos:
-        await _command(client, tello.drone_id, "rearm")
+        await command(client, tello.drone_id, "rearm")
     await asyncio.sleep(0.05)
     return 1000.0 * (heard_s - pressed_s)
-
-
-async def _command(client: httpx.AsyncClient, drone_id: str, command: str) -> None:
-    answer = await client.post(f"/api/v1/drones/{drone_id}/commands", json={"command": command})
-    answer.raise_for_status()
-
-
-@asynccontextmanager
-async def _console(config: SimConfig, folder: Path) -> AsyncIterator[httpx.AsyncClient]:
-    """Run a console for the drones and yield a client with its token."""
-    fleet = folder / "fleet.toml"
-    fleet.write_text(
-        "".join(
-            f'[[drones]]\nid = "{d.id}"\naddress = "{d.address}"\nlocal_address = '
-            f'"{d.local_address}"\nazimuth_deg = {d.azimuth_deg}\n'
-            for d in fleet_config(config).drones
-        )
-    )
-    settings = folder / "settings.toml"
-    settings.write_text(_WITHOUT_OBJECT)
-    token = secrets.token_urlsafe(16)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",
-        "-m",
-        "server",
-        "serve",
-        "--fleet",
-        str(fleet),
-        "--port",
-        "0",
-        "--runs",
-        str(folder / "runs"),
-        env=os.environ | {"DRONERF_TOKEN": token, "DRONERF_CONFIG": str(settings)},
-        stderr=asyncio.subprocess.PIPE,
-        start_new_session=True,
-    )
-    assert process.stderr is not None
-    drain: asyncio.Task[bytes] | None = None
-    try:
-        async with asyncio.timeout(_START_S):
-            while b"The console is at" not in (line := await process.stderr.readline()):
-                if not line:
-                    raise RuntimeError("the console did not start")
-        address = line.decode().split("at ", 1)[1].split("/?")[0]
-        drain = asyncio.create_task(process.stderr.read())
-        headers = {"Authorization": f"Bearer {token}"}
-        async with httpx.AsyncClient(base_url=address, headers=headers, timeout=30.0) as client:
-            yield client
-    finally:
-        if process.returncode is None:
-            process.terminate()
-        await process.wait()
-        if drain is not None:
-            await drain
-
-
-async def _until_ready(client: httpx.AsyncClient, count: int) -> None:
-    await _until(client, "ground", count)
-
-
-async def _until(client: httpx.AsyncClient, activity: str, count: int) -> None:
-    async with asyncio.timeout(_START_S):
-        while True:
-            reports = (await client.get("/api/v1/drones")).json()
-            if sum(report["activity"] == activity for report in reports) == count:
-                return
-            await asyncio.sleep(0.2)
 
 
 async def _stream(drones: list[SimulatedDrone]) -> None:

@@ -141,6 +141,9 @@ class VirtualEye:
     def expect(self, prior: RegionPrior | None) -> None:
         """Take no hint: this eye needs none."""
 
+    def point_out(self, xyxy_px: Array | None) -> None:
+        """Take no hint: this eye needs none."""
+
     async def run(self) -> None:
         """Look at pictures for ever."""
         sequence = -1

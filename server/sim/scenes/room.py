@@ -19,6 +19,7 @@ from server.sim.meshes import Mesh
 from server.sim.scenes.furniture import FOOTPRINTS, furniture
 from server.sim.scenes.shapes import grid_faces, sheet
 from server.sim.scenes.surfaces import Grid, Noise, Picture, planks, plaster, rug
+from server.sim.scenes.surroundings import ORDINARY, Surroundings, floor_picture, wall_picture
 from server.sim.scenes.walls import wall_pictures
 
 Array = NDArray[np.float64]
@@ -59,15 +60,33 @@ def room_light(points: Array, normal: Array) -> Array:
     return ((lamps + daylight) * corner)[:, None] * np.array([1.0, 0.985, 0.955])
 
 
-def room(shadow: NDArray[np.float32], seed: int) -> list[Mesh]:
+def room(
+    shadow: NDArray[np.float32], seed: int, surroundings: Surroundings = ORDINARY
+) -> list[Mesh]:
     """Return the room's surfaces.
 
     Args:
         shadow: Light that the object leaves on the floor, ``(k, k)`` in [0, 1], row 0 at +y, over
             the 3 x 3 middle tiles; see ``shadow_extent_m``.
         seed: Seed of all textures.
+        surroundings: What is other than in the ordinary room.
     """
-    return [*_floor(shadow, seed), *_walls_and_ceiling(seed), *furniture(seed, room_light)]
+    softened = 1.0 - np.clip(surroundings.shadow * (1.0 - shadow), 0.0, 1.0)
+    meshes = [
+        *_floor(softened.astype(np.float32), seed, surroundings),
+        *_walls_and_ceiling(seed, surroundings),
+        *(furniture(seed, room_light) if surroundings.furniture else ()),
+    ]
+    if surroundings == ORDINARY:
+        return meshes
+    return [_relit(mesh, surroundings) for mesh in meshes]
+
+
+def _relit(mesh: Mesh, surroundings: Surroundings) -> Mesh:
+    """Return a surface of the ordinary room in other light."""
+    lit = np.asarray(mesh.colours, float) * surroundings.light(np.asarray(mesh.vertices, float))
+    colours = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
+    return Mesh(mesh.vertices, mesh.faces, colours, mesh.uv, mesh.texture)
 
 
 def shadow_extent_m() -> float:
@@ -75,10 +94,10 @@ def shadow_extent_m() -> float:
     return 3 * _TILE_M
 
 
-def _floor(shadow: NDArray[np.float32], seed: int) -> list[Mesh]:
+def _floor(shadow: NDArray[np.float32], seed: int, surroundings: Surroundings) -> list[Mesh]:
     """Return the floor's tiles: fine ones in the middle, coarse ones outside."""
     meshes = []
-    for (row, column), picture in _floor_pictures(seed).items():
+    for (row, column), picture in _floor_pictures(seed, surroundings).items():
         if 1 <= row <= 3 and 1 <= column <= 3:
             size = picture.shape[0]
             k = shadow.shape[0] // 3
@@ -91,7 +110,7 @@ def _floor(shadow: NDArray[np.float32], seed: int) -> list[Mesh]:
 
 
 @lru_cache(maxsize=2)
-def _floor_pictures(seed: int) -> dict[tuple[int, int], Picture]:
+def _floor_pictures(seed: int, surroundings: Surroundings) -> dict[tuple[int, int], Picture]:
     """Return the pictures of the floor's tiles by row (from +y) and column (from -x)."""
     noise = Noise(seed)
     pictures = {}
@@ -101,9 +120,15 @@ def _floor_pictures(seed: int) -> dict[tuple[int, int], Picture]:
             # Cameras come closest to the tile under the object.
             size = 2048 if (row, column) == (2, 2) else 1024 if middle else 512
             left, top = column * _TILE_M - _HALF, row * _TILE_M - _HALF
-            picture = planks(Grid(left, top, _TILE_M, _TILE_M, size, size), noise)
-            _lay_rug(picture, left, top, size, noise)
-            _shade_under_furniture(picture, left, top, size)
+            grid = Grid(left, top, _TILE_M, _TILE_M, size, size)
+            if surroundings == ORDINARY:
+                picture = planks(grid, noise)
+            else:
+                picture = floor_picture(grid, noise, surroundings)
+            if surroundings.rug:
+                _lay_rug(picture, left, top, size, noise)
+            if surroundings.furniture:
+                _shade_under_furniture(picture, left, top, size)
             pictures[row, column] = picture
     return pictures
 
@@ -138,13 +163,15 @@ def _shade_under_furniture(picture: Picture, left: float, top: float, size: int)
 
 
 @lru_cache(maxsize=2)
-def _walls_and_ceiling(seed: int) -> tuple[Mesh, ...]:
+def _walls_and_ceiling(seed: int, surroundings: Surroundings) -> tuple[Mesh, ...]:
     """Return the four walls, three sheets each, and the ceiling."""
     meshes = []
     starts = [(-_HALF, _HALF), (_HALF, _HALF), (_HALF, -_HALF), (-_HALF, -_HALF)]
     directions = [(1, 0), (0, -1), (-1, 0), (0, 1)]
     third = SIDE_M / 3
-    for start, direction, picture in zip(starts, directions, wall_pictures(seed), strict=True):
+    for start, direction, picture in zip(
+        starts, directions, _walls(seed, surroundings), strict=True
+    ):
         along = np.array([*direction, 0.0])
         for k in range(3):
             width = picture.shape[1] // 3
@@ -163,6 +190,15 @@ def _walls_and_ceiling(seed: int) -> tuple[Mesh, ...]:
     corner = (-_HALF, _HALF, HEIGHT_M)
     meshes.append(textured_sheet(corner, (SIDE_M, 0, 0), (0, -SIDE_M, 0), white))
     return tuple(meshes)
+
+
+def _walls(seed: int, surroundings: Surroundings) -> list[Picture]:
+    """Return the pictures of the four walls."""
+    if surroundings.wall == "furnished":
+        return wall_pictures(seed)
+    noise = Noise(seed + 1)
+    grids = [Grid(20.0 * k, 0.0, SIDE_M, HEIGHT_M, 1536, 512) for k in range(4)]
+    return [wall_picture(grid, noise, surroundings, k) for k, grid in enumerate(grids)]
 
 
 def _joint(start: Array, along: Array) -> Mesh:

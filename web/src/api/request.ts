@@ -20,7 +20,7 @@ const ROOT = "/api/v1";
  * @throws RequestError when no answer comes within `timeoutMs` or the answer is a refusal.
  */
 export async function request(
-  method: "GET" | "POST",
+  method: "DELETE" | "GET" | "POST" | "PUT",
   path: string,
   body?: unknown,
   timeoutMs = 10_000,

@@ -6,6 +6,7 @@ import { age, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { useNow } from "../design/useNow";
 import { FiredNote } from "../failsafe/FiredNote";
+import { DisagreementNote } from "../pick/DisagreementNote";
 import type { DroneReport } from "../protocol/messages.gen";
 import type { DroneState } from "../state/state";
 import { en } from "../text/en";
@@ -32,6 +33,7 @@ export function DroneCard({ drone, brief }: { readonly drone: DroneState; readon
         <Battery percent={report.battery_pct} />
       </div>
       <FiredNote drone={drone} />
+      <DisagreementNote droneId={report.drone_id} />
       {!brief && <Telemetry drone={drone} />}
       {!brief && <Commands report={report} inAir={face.inAir} />}
     </div>

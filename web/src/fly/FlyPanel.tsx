@@ -1,6 +1,7 @@
 import { useState } from "react";
 import { useConsole } from "../context";
 import { Panel } from "../design/Panel";
+import { PriorityList } from "../pick/PriorityList";
 import { en } from "../text/en";
 import { VideoTile } from "./VideoTile";
 
@@ -33,6 +34,7 @@ export function FlyPanel() {
           );
         })}
       </div>
+      <PriorityList />
     </Panel>
   );
 }

@@ -1,7 +1,9 @@
 import { useRef } from "react";
+import { useConsole } from "../context";
 import { age } from "../design/format";
 import { Icon } from "../design/Icon";
 import type { DroneState } from "../state/state";
+import { TileTools } from "../pick/TileTools";
 import { en } from "../text/en";
 import { DroneCard } from "./DroneCard";
 import { useTile } from "./useTile";
@@ -26,46 +28,50 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
   const { ageS, shownPerS, damaged } = useTile(droneId, frame, canvas);
   const gone = ageS === null || ageS > GONE_S;
   const old = !gone && ageS > OLD_S;
+  const apart = useConsole((state) => state.disagreement?.drone_ids.includes(droneId) === true);
   return (
     <article
       ref={frame}
-      className={`tile tile-${size} ${gone ? "is-gone" : old ? "is-old" : ""} ${drone.report.held ? "is-held" : ""}`}
+      className={`tile tile-${size} ${gone ? "is-gone" : old ? "is-old" : ""} ${apart ? "is-apart" : ""} ${drone.report.held ? "is-held" : ""}`}
       style={{ "--drone": colour } as React.CSSProperties}
       aria-label={en.fly.tile(name)}
       data-testid={`tile-${droneId}`}
     >
-      <button
-        type="button"
-        className="tile-picture"
-        aria-label={size === "large" ? en.fly.unfocus : en.fly.focus(name)}
-        aria-pressed={size === "large"}
-        onClick={onToggle}
-      >
-        <canvas ref={canvas} width={640} height={480} role="img" aria-label={en.fly.video(name)} />
-        {gone && (
-          <span className="tile-gone">
-            <strong>{en.fly.noVideo}</strong>
-            <span>{ageS === null ? en.fly.neverVideo : en.fly.noVideoFor(age(ageS))}</span>
-          </span>
-        )}
-        {!gone && (
-          <span className="tile-stats">
-            {damaged && (
-              <span className="tile-damaged">
-                <Icon name="warning" />
-                {en.fly.damaged}
-              </span>
-            )}
-            <span>{en.fly.fps(shownPerS.toFixed(0))}</span>
-            <span className={old ? "is-late" : ""}>{age(ageS)}</span>
-          </span>
-        )}
-        {size === "large" && (
-          <span className="tile-shrink">
-            <Icon name="shrink" />
-          </span>
-        )}
-      </button>
+      <div className="tile-view">
+        <button
+          type="button"
+          className="tile-picture"
+          aria-label={size === "large" ? en.fly.unfocus : en.fly.focus(name)}
+          aria-pressed={size === "large"}
+          onClick={onToggle}
+        >
+          <canvas ref={canvas} width={640} height={480} role="img" aria-label={en.fly.video(name)} />
+          {gone && (
+            <span className="tile-gone">
+              <strong>{en.fly.noVideo}</strong>
+              <span>{ageS === null ? en.fly.neverVideo : en.fly.noVideoFor(age(ageS))}</span>
+            </span>
+          )}
+          {!gone && (
+            <span className="tile-stats">
+              {damaged && (
+                <span className="tile-damaged">
+                  <Icon name="warning" />
+                  {en.fly.damaged}
+                </span>
+              )}
+              <span>{en.fly.fps(shownPerS.toFixed(0))}</span>
+              <span className={old ? "is-late" : ""}>{age(ageS)}</span>
+            </span>
+          )}
+          {size === "large" && (
+            <span className="tile-shrink">
+              <Icon name="shrink" />
+            </span>
+          )}
+        </button>
+        <TileTools drone={drone} live={!gone} />
+      </div>
       <DroneCard drone={drone} brief={size === "small"} />
     </article>
   );

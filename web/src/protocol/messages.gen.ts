@@ -1,6 +1,16 @@
 // Generated from server/api/messages.py by `make messages`. Do not edit.
 // Units are SI, times are seconds, `at` is ISO 8601 UTC.
 
+/** A part of the object that shall have better pictures. ``drawn`` is the box drawn in that drone's picture, in shares 0 to 1; ``centre`` and ``size`` are where the part is, world metres, null until the object's geometry is known. */
+export interface PriorityPart {
+  readonly id: string;
+  readonly drone_id: string;
+  readonly drawn: readonly number[];
+  readonly weight: number;
+  readonly centre: readonly number[] | null;
+  readonly size: readonly number[] | null;
+}
+
 /** One drone as it stands, about five times a second. */
 export interface DroneReport {
   readonly type: "drone_reported";
@@ -133,6 +143,29 @@ export interface FailsafeReport {
   readonly text: string;
 }
 
+/** Where the operator pointed the object out in a drone's picture; null: not any more. The box is left, top, right, bottom in shares 0 to 1 of the picture. */
+export interface PickReport {
+  readonly type: "object_pointed_out";
+  readonly at: string;
+  readonly drone_id: string;
+  readonly box: readonly number[] | null;
+}
+
+/** Drones that see something else than the others do; none: all agree again. */
+export interface DisagreementReport {
+  readonly type: "views_disagree";
+  readonly at: string;
+  readonly drone_ids: readonly string[];
+  readonly reason: string;
+}
+
+/** All parts of priority as they stand now. */
+export interface PrioritiesReport {
+  readonly type: "priorities_changed";
+  readonly at: string;
+  readonly parts: readonly PriorityPart[];
+}
+
 /** A line of the event log. */
 export interface Note {
   readonly type: "noted";
@@ -160,6 +193,9 @@ export type ServerMessage =
   | PreviewReport
   | MetricsReport
   | FailsafeReport
+  | PickReport
+  | DisagreementReport
+  | PrioritiesReport
   | Note
   | Missed;
 

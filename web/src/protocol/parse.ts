@@ -13,6 +13,9 @@ const TYPES: Readonly<Record<ServerMessage["type"], true>> = {
   preview_rendered: true,
   metrics_measured: true,
   failsafe_fired: true,
+  object_pointed_out: true,
+  views_disagree: true,
+  priorities_changed: true,
   noted: true,
   missed: true,
 };

@@ -311,6 +311,38 @@ describe("reduce: log and alarms", () => {
     expect(new Set(log.map((line) => line.id)).size).toBe(500);
   });
 
+  it("keeps a pick until it is taken back, and another tile's apart from it", () => {
+    const pick = (droneId: string, box: readonly number[] | null): Message => ({
+      type: "object_pointed_out",
+      at: "1",
+      drone_id: droneId,
+      box,
+    });
+    const state = after([pick("a", [0, 0, 1, 1]), pick("b", [0, 0, 0.5, 1]), pick("a", null)]);
+    expect([...state.picks.keys()]).toEqual(["b"]);
+    expect(after([{ type: "stream_opened" }], state).picks.size).toBe(0);
+  });
+
+  it("knows who disagrees until all agree again", () => {
+    const apart = (...ids: string[]): Message => ({
+      type: "views_disagree",
+      at: "1",
+      drone_ids: ids,
+      reason: "looks elsewhere",
+    });
+    const state = after([apart("a"), apart("a", "c")]);
+    expect(state.disagreement?.drone_ids).toEqual(["a", "c"]);
+    expect(after([apart()], state).disagreement).toBeNull();
+    expect(after([{ type: "stream_opened" }], state).disagreement).toBeNull();
+  });
+
+  it("takes the parts of priority as they stand", () => {
+    const part = { id: "p", drone_id: "a", drawn: [0, 0, 1, 1], weight: 4, centre: null, size: null };
+    const state = after([{ type: "priorities_changed", at: "1", parts: [part] }]);
+    expect(state.priorities).toEqual([part]);
+    expect(after([{ type: "priorities_changed", at: "2", parts: [] }], state).priorities).toEqual([]);
+  });
+
   it("says how much was missed", () => {
     const { log } = after([{ type: "missed", events: 17 }]);
     expect(log[0]?.level).toBe("warning");

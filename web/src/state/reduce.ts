@@ -60,6 +60,10 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
         epoch: state.epoch + 1,
         lastMessageMs: nowMs,
         arriving: { mission: NO_MISSION, sinceMs: nowMs },
+        // The server repeats those that stand; the others were taken back meanwhile.
+        picks: new Map(),
+        disagreement: null,
+        priorities: [],
       };
     case "stream_lost":
       if (state.connection.kind === "lost" || state.connection.kind === "signed_out") return state;
@@ -94,6 +98,16 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
     }
     case "failsafe_fired":
       return withFailsafe(state, message);
+    case "object_pointed_out": {
+      const picks = new Map(state.picks);
+      if (message.box === null) picks.delete(message.drone_id);
+      else picks.set(message.drone_id, message);
+      return { ...state, picks };
+    }
+    case "views_disagree":
+      return { ...state, disagreement: message.drone_ids.length === 0 ? null : message };
+    case "priorities_changed":
+      return { ...state, priorities: message.parts };
     case "noted":
       return withLine(state, { ...message, droneId: message.drone_id });
     case "missed":
@@ -157,7 +171,16 @@ function missionOf(mission: Mission): Mission {
 
 type MissionMessage = Exclude<
   ServerMessage,
-  { readonly type: "drone_reported" | "failsafe_fired" | "noted" | "missed" }
+  {
+    readonly type:
+      | "drone_reported"
+      | "failsafe_fired"
+      | "object_pointed_out"
+      | "views_disagree"
+      | "priorities_changed"
+      | "noted"
+      | "missed";
+  }
 >;
 
 /** Take in news of the mission; `live` when they are not a repetition of what stands. */

@@ -1,14 +1,17 @@
 import type {
   CaptureReport,
+  DisagreementReport,
   DroneReport,
   FailsafeReport,
   MetricsReport,
   Note,
+  PickReport,
   PictureReport,
   PlanProgress,
   PlanReport,
   PosesReport,
   PreviewReport,
+  PriorityPart,
   SeedReport,
   ServerMessage,
   TrainingReport,
@@ -78,6 +81,12 @@ export interface ConsoleState extends Mission {
   readonly arriving: { readonly mission: Mission; readonly sinceMs: number } | null;
   /** The newest failsafes that began to fire, oldest first. */
   readonly failsafes: readonly FailsafeReport[];
+  /** By drone id: where the operator pointed the object out, as long as that stands. */
+  readonly picks: ReadonlyMap<string, PickReport>;
+  /** Drones that see something else than the others, null while all agree. */
+  readonly disagreement: DisagreementReport | null;
+  /** The parts of the object that shall have better pictures. */
+  readonly priorities: readonly PriorityPart[];
   /** True once somebody flew from this tab, until they take leave: their silence is a failsafe. */
   readonly inCommand: boolean;
   /** What the operator asked for and did not get; each stands until it is dismissed. */
@@ -138,6 +147,9 @@ export const INITIAL_STATE: ConsoleState = {
   ...NO_MISSION,
   arriving: null,
   failsafes: [],
+  picks: new Map(),
+  disagreement: null,
+  priorities: [],
   inCommand: false,
   alarms: [],
   log: [],

@@ -169,6 +169,32 @@ export const en = {
         `${name}: ${command} was not carried out: ${reason}`,
     },
   },
+  pick: {
+    object: {
+      word: "Pick object",
+      does: "Say where the object is in this picture, by a click or a drawn box",
+      surface: (name: string) =>
+        `Where is the object in the picture of ${name}? Draw a box with the arrow keys, with Shift its size; Enter picks, Escape cancels.`,
+      hint: "Click the object, or draw a box around it",
+    },
+    priority: {
+      word: "Mark part",
+      does: "Draw a box around a part that shall have better pictures",
+      surface: (name: string) =>
+        `Which part matters in the picture of ${name}? Draw a box with the arrow keys, with Shift its size; Enter marks, Escape cancels.`,
+      hint: "Draw a box around the part that matters",
+    },
+    search: { word: "Search again", does: "Drop the pick: the drone searches the object by itself" },
+    cancel: "Cancel",
+    failed: (name: string, reason: string) => `${name}: the object was not picked: ${reason}`,
+    disagree: "Sees something else?",
+    disagreeDo: "If the outline is wrong, pick the object here.",
+    parts: "Parts with priority",
+    part: (name: string, weight: number) => `Part on ${name}, ×${weight}`,
+    partWaits: "waits for the geometry",
+    remove: "Remove",
+    priorityFailed: (reason: string) => `The part of priority was not changed: ${reason}`,
+  },
   mission: {
     title: "Mission",
     idle: "Ready for a capture",

@@ -1,0 +1,76 @@
+"""Cutting the object out along the picture's edges, and moving a known outline onto it.
+
+Working pixels throughout; evidence is above zero where a pixel does not look like background.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from server.vision.config import RegionConfig
+from server.vision.masks import Mask
+from server.vision.work import Work
+
+Array32 = NDArray[np.float32]
+
+# Evidence, nats, that no cut overrules.
+SURE = 2.5
+# What a move by one standard deviation costs, in shares of the outline covered with evidence.
+_MOVE_COST = 0.1
+
+
+def fitted_outline(evidence: Array32, expected: Mask, sigma: float) -> tuple[Mask, float]:
+    """Return the expected outline moved to where it covers most evidence, and the share covered.
+
+    Args:
+        evidence: Evidence against the background ``(h, w)``.
+        expected: Expected outline, filled ``(h, w)``.
+        sigma: How wrong its place may be, working pixels.
+    """
+    height, width = expected.shape
+    speaks = np.clip(evidence, -0.5, 1.0)
+    speaks = cv2.resize(speaks, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    ys, xs = np.nonzero(expected)
+    left, top, right, bottom = xs.min() // 2, ys.min() // 2, xs.max() // 2 + 1, ys.max() // 2 + 1
+    small = cv2.resize(
+        expected.astype(np.float32), (width // 2, height // 2), interpolation=cv2.INTER_AREA
+    )
+    template = small[top:bottom, left:right] - 0.25
+    reach = int(np.ceil(1.25 * sigma))
+    padded = cv2.copyMakeBorder(speaks, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0.0)
+    part = padded[top : bottom + 2 * reach, left : right + 2 * reach]
+    fit = cv2.matchTemplate(part.astype(np.float32), template, cv2.TM_CCORR)
+    dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, : fit.shape[0], : fit.shape[1]]
+    off = (dx**2 + dy**2) * (2.0 / sigma) ** 2
+    fit = fit / float(np.maximum(template, 0).sum()) - _MOVE_COST * off
+    best = np.unravel_index(int(np.argmax(fit)), fit.shape)
+    move = np.array([[1.0, 0.0, 2.0 * dx[best]], [0.0, 1.0, 2.0 * dy[best]]])
+    moved = cv2.warpAffine(expected.astype(np.uint8), move, (width, height)) > 0
+    covered = float((evidence[moved] > 0.0).mean()) if moved.any() else 0.0
+    return moved, covered
+
+
+def cut_within(
+    work: Work, mask: Mask, allowed: Mask, evidence: Array32, config: RegionConfig
+) -> Mask:
+    """Return ``mask`` cut anew along the picture's edges, all of it ``allowed``."""
+    ys, xs = np.nonzero(allowed)
+    height, width = work.shape
+    pad_x, pad_y = (int(0.2 * np.ptp(v)) + 6 for v in (xs, ys))
+    left, right = max(xs.min() - pad_x, 0), min(xs.max() + pad_x + 1, width)
+    top, bottom = max(ys.min() - pad_y, 0), min(ys.max() + pad_y + 1, height)
+    part = np.s_[top:bottom, left:right]
+    labels = np.where(mask[part], cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[~allowed[part]] = cv2.GC_BGD
+    if (labels == cv2.GC_PR_FGD).sum() < 20 or (labels == cv2.GC_BGD).sum() < 20:
+        return mask
+    image = np.ascontiguousarray(work.image_bgr[part])
+    back, front = np.zeros((1, 65)), np.zeros((1, 65))
+    cv2.setRNGSeed(0)  # GrabCut starts from k-means; the same picture must give the same mask.
+    cv2.grabCut(image, labels, None, back, front, config.refine_iterations, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
+    cut = np.zeros(work.shape, bool)
+    cut[part] = labels == cv2.GC_PR_FGD
+    # A cut prefers short borders and so loses thin legs; what clearly is no floor stays.
+    return cut | (mask & (evidence > SURE))
