@@ -19,7 +19,18 @@ import pytest
 pytestmark = pytest.mark.slow
 
 DRONERF = Path(sys.executable).with_name("dronerf")
-COMMANDS = ("demo", "serve", "sim", "capture", "train", "doctor", "calibrate", "bench")
+COMMANDS = (
+    "demo",
+    "serve",
+    "sim",
+    "capture",
+    "train",
+    "doctor",
+    "calibrate",
+    "record",
+    "replay",
+    "bench",
+)
 
 
 def run(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -12,9 +12,9 @@ from server.swarm.errors import DroneError
 from server.swarm.video_rate import VideoRate
 
 _FPS_WINDOW_S = 3.0
-# Pictures that may wait to be looked at. A key picture or a long search is a matter of two or
-# three; more waiting would make a drone fly by what was, not by what is.
-_WAITING = 6
+# Pictures that may wait to be looked at: 300 ms. A long search is a matter of three to seven, made
+# good at 8 ms each; more waiting would make a drone fly by what was, not by what is.
+_WAITING = 9
 
 
 class FrameDecoder(Protocol):

@@ -70,7 +70,7 @@ async def test_who_is_too_slow_goes_on_with_the_newest_and_the_rest_is_counted()
     await begin_reading(pictures, give)
     for number in range(1, 101):
         give(frame(number))
-        assert len(pictures._waiting) <= 6
+        assert len(pictures._waiting) <= 9
     taken = []
     while pictures._waiting:
         taken.append((await pictures.next_in_order()).sequence)
