@@ -179,6 +179,7 @@ class Mission:
         finally:
             watch.cancel()
             self._land_whoever_flies()
+            self._steps.seeding.stop()
             await self._planning.cancel()
             await self._reconstruction.cancel()
             self._tools.pilot.release(list(self._state.drones))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from server.mission.capture import Photographer
 from server.mission.checklist import Check, check_disk, check_drone, overridden, problems
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.events import EventStream, Level, Noted, SeedFitted
+from server.mission.events import EventStream, Level, Noted
 from server.mission.eyes import Eye
 from server.mission.landing import landing_places
 from server.mission.phases import Phase
@@ -27,14 +27,15 @@ from server.mission.pilot import Pilot
 from server.mission.planning import Planning
 from server.mission.reconstruction import Reconstruction
 from server.mission.record import CaptureRecorder
+from server.mission.seeding import Seeding
 from server.mission.state import MissionState
 from server.mission.takeover import orphans, share_out
 from server.planner.errors import PlanError
-from server.stages import Assignment, View, Viewpoint
+from server.stages import Assignment, Viewpoint
 from server.store.runs import RunFolder
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
-from server.vision.seed import SeedError, kept_within, refine_seed, seed_from_views
+from server.vision.seed import SeedError
 
 _POLL_S = 0.05
 _QUARTER_TURN = np.pi / 2.0
@@ -78,13 +79,26 @@ class StepTools:
 
 
 class Steps:
-    """The work of every phase of one mission."""
+    """The work of every phase of one mission.
+
+    Attributes:
+        seeding: Makes the seed geometry.
+    """
 
     def __init__(self, request: CaptureRequest, state: MissionState, tools: StepTools) -> None:
         self._request = request
         self._state = state
         self._tools = tools
         self._config = tools.config.mission
+        self.seeding = Seeding(
+            state,
+            tools.fleet,
+            tools.eyes,
+            tools.pilot,
+            tools.events,
+            tools.config.vision.seed,
+            tools.config.mission,
+        )
 
     def work(self, phase: Phase) -> Coroutine[Any, Any, None]:
         """Return the work of ``phase``, to be awaited."""
@@ -185,16 +199,16 @@ class Steps:
                 self._tools.pilot.centre(drone_id, start_rad + turn * _QUARTER_TURN)
             if turn > 0:
                 await self._until(self._all_centred, self._config.fly_timeout_s)
-            await self._add_views()
+            await self.seeding.add_views()
         deadline_s = asyncio.get_running_loop().time() + self._config.centre_timeout_s
         while True:
             try:
-                await self._fit_seed()
+                await self.seeding.fit()
             except SeedError as error:
                 if asyncio.get_running_loop().time() > deadline_s:
                     raise StepFailedError(f"the object was not found: {error}") from error
                 # A picture more of each may show what these did not.
-                await self._add_views()
+                await self.seeding.add_views()
             else:
                 return
 
@@ -248,7 +262,7 @@ class Steps:
         if training and photographer.taken >= min(4, self._request.pictures):
             await self._tools.reconstruction.start()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
-        await self._refine_seed(taken)
+        self.seeding.refine(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
         if photographer.taken < self._request.pictures:
             await self._regroup(state.progress.round_index + 1, taken)
@@ -331,6 +345,7 @@ class Steps:
         for drone_id in drones:
             # Video heats a drone that stands still.
             fleet.drones[drone_id].set_video(False)
+        await self.seeding.settle()
 
     async def _move_aside(self) -> None:
         """Fly on until nobody would land on a drone that already stands there."""
@@ -394,64 +409,6 @@ class Steps:
                 self._tools.fleet.drones[drone_id].set_video(True)
 
     # -- parts --------------------------------------------------------------------------------
-
-    async def _add_views(self) -> None:
-        """Keep the next view of every drone for the seed geometry."""
-        await asyncio.gather(*(self._add_view(drone_id) for drone_id in self._state.crew))
-
-    async def _add_view(self, drone_id: str) -> None:
-        """Wait for a picture that shows the object; longer while data is missing in pictures."""
-        loop, eye = asyncio.get_running_loop(), self._tools.eyes[drone_id]
-        begun_s = loop.time()
-        patience_s = self._config.picture_timeout_s
-        while loop.time() - begun_s < patience_s:
-            sight = eye.sight
-            if sight is not None and sight.frame.captured_s >= begun_s - _POLL_S:
-                if sight.frame.damaged:
-                    patience_s = self._config.whole_picture_timeout_s
-                elif sight.region is not None and sight.box is not None:
-                    pose = self._tools.pilot.pose(drone_id, sight.frame.captured_s)
-                    intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
-                    self._state.views.append(View(pose, intrinsics, sight.box, sight.region))
-                    return
-            await asyncio.sleep(_POLL_S)
-
-    async def _fit_seed(self) -> None:
-        # Carving takes a while; in a thread it never delays a stop.
-        config = self._tools.config.vision.seed
-        seed = await asyncio.to_thread(seed_from_views, tuple(self._state.views), config)
-        self._state.seed = seed
-        self._tools.pilot.seed = seed
-        self._tools.events.publish(SeedFitted(seed))
-
-    async def _refine_seed(self, taken: set[str]) -> None:
-        """Let the views of the pictures just taken vote along on the seed geometry.
-
-        The outer box stays: the planned viewpoints keep clear of that one, and a wall that moves
-        must not come upon a drone that hovers beside it.
-        """
-        state = self._state
-        seen = [view for drone_id in sorted(taken) if (view := self._view_now(drone_id))]
-        if state.seed is None or not seen:
-            return
-        state.views.extend(seen)
-        config = self._tools.config.vision.seed
-        refined = await asyncio.to_thread(refine_seed, state.seed, tuple(state.views), config)
-        refined = kept_within(refined, state.seed.outer)
-        # Nothing changes when the views make no geometry; the operator may have set priorities.
-        if refined.views > state.seed.views:
-            state.seed = replace(refined, priorities=state.seed.priorities)
-            self._tools.pilot.seed = state.seed
-            self._tools.events.publish(SeedFitted(state.seed))
-
-    def _view_now(self, drone_id: str) -> View | None:
-        """Return what a hovering drone shows now, None when it shows no object."""
-        sight = self._tools.eyes[drone_id].sight
-        if sight is None or sight.frame.damaged or sight.region is None or sight.box is None:
-            return None
-        pose = self._tools.pilot.pose(drone_id, sight.frame.captured_s)
-        intrinsics = self._tools.fleet.drones[drone_id].config.intrinsics
-        return View(pose, intrinsics, sight.box, sight.region)
 
     def _viewpoints(self) -> dict[str, Viewpoint]:
         """Return this round's viewpoints of the drones that fly."""

@@ -74,13 +74,14 @@ class Rig:
             photographer=photographer,
         )
         request = SimpleNamespace(pictures=4, train_seconds=0)
-        self._steps = Steps(cast(Any, request), self.state, cast(Any, tools))
+        self.steps = Steps(cast(Any, request), self.state, cast(Any, tools))
 
     async def capture(self) -> list[SeedFitted]:
         """Capture a round; returns the seed geometries that were published."""
         fitted: list[SeedFitted] = []
         with self.events.subscribe() as subscription:
-            await self._steps.work(Phase.CAPTURE)
+            await self.steps.work(Phase.CAPTURE)
+            await self.steps.seeding.settle()
             while not subscription._queue.empty():
                 event = await anext(subscription)
                 if isinstance(event, SeedFitted):
@@ -101,6 +102,27 @@ async def test_a_rounds_pictures_vote_along():
     for box in rig.state.seed.boxes:
         assert (box.lower >= before.outer.lower - 1e-9).all()
         assert (box.upper <= before.outer.upper + 1e-9).all()
+
+
+async def test_views_that_come_while_refining_are_taken_next():
+    rig = Rig(np.pi / 4.0)
+    seeding = rig.steps.seeding
+    seeding.refine(DRONES)
+    await asyncio.sleep(0)
+    seeding.refine(DRONES)
+    await seeding.settle()
+    assert rig.state.seed is not None
+    assert rig.state.seed.views == len(rig.state.views) == 12
+
+
+async def test_a_mission_that_is_over_changes_nothing_any_more():
+    rig = Rig(np.pi / 4.0)
+    before = rig.state.seed
+    rig.steps.seeding.refine(DRONES)
+    await asyncio.sleep(0)
+    rig.steps.seeding.stop()
+    await rig.steps.seeding.settle()
+    assert rig.state.seed is before
 
 
 async def test_the_operators_priorities_stay():
