@@ -167,7 +167,7 @@ async def test_a_search_that_takes_too_long_skips_pictures_and_counts_them(
     looked_at = [event.sequence for event in events]
     assert looked_at == sorted(set(looked_at))
     assert looked_at[0] == 0, "the one it was busy with"
-    assert len(looked_at) < 9, "what waited was bounded"
+    assert len(looked_at) < 20, "what waited was bounded"
     # Decoded so far, less what was skipped, is what was looked at: at every moment.
     for count, event in enumerate(events, 1):
         assert event.sequence + 1 - event.skipped == count
