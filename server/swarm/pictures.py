@@ -12,9 +12,11 @@ from server.swarm.errors import DroneError
 from server.swarm.video_rate import VideoRate
 
 _FPS_WINDOW_S = 3.0
-# Pictures that may wait to be looked at: 300 ms. A long search is a matter of three to seven, made
-# good at 8 ms each; more waiting would make a drone fly by what was, not by what is.
-_WAITING = 9
+# How long pictures may wait to be looked at. A long search is a matter of 100 to 200 ms, made good
+# at 8 ms a picture; longer waiting would make a drone fly by what was, not by what is.
+_WAITING_S = 0.3
+# And so many, however close they come: a decoder may hand over what has piled up all at once.
+_WAITING = 12
 
 
 class FrameDecoder(Protocol):
@@ -125,7 +127,8 @@ class Pictures:
     async def next_in_order(self) -> Frame:
         """Return the next picture that was not returned yet; for one reader alone.
 
-        Few may wait: when one too many comes, all but the newest are skipped and counted.
+        They wait for a short time: when one has waited too long, all but the newest are skipped and
+        counted.
 
         Raises:
             DroneError: If the drone is closed meanwhile.
@@ -140,7 +143,7 @@ class Pictures:
     def _take_frame(self, frame: Frame) -> None:
         self.newest = frame
         if self._in_order:
-            if len(self._waiting) >= _WAITING:
+            if self._waiting and self._is_late(frame):
                 self.skipped += len(self._waiting)
                 self._waiting.clear()
             self._waiting.append(frame)
@@ -149,3 +152,7 @@ class Pictures:
         self.rate.observe(now_s, frame.damaged)
         self._arrived.set()
         self._arrived = asyncio.Event()
+
+    def _is_late(self, newest: Frame) -> bool:
+        waited_s = newest.captured_s - self._waiting[0].captured_s
+        return waited_s > _WAITING_S or len(self._waiting) >= _WAITING

@@ -128,7 +128,7 @@ async def watching(
 
 def frame(number: int, *, damaged: bool = False, completed_s: float | None = None) -> Frame:
     image = np.full(SIZE, 90, np.uint8)
-    return Frame("d", number, 1.0 + number, image, damaged, completed_s)
+    return Frame("d", number, 1.0 + number / 30.0, image, damaged, completed_s)
 
 
 async def test_every_picture_is_searched_and_annotated_in_order(
