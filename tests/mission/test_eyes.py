@@ -142,7 +142,7 @@ async def test_every_picture_is_searched_and_annotated_in_order(
         assert watched.eye.annotated is events[-1]
     assert [event.sequence for event in events] == [0, 1, 2, 3]
     assert watched.tracker.told == [0, 1, 2, 3]
-    assert [event.captured_s for event in events] == [1.0, 2.0, 3.0, 4.0]
+    assert [event.captured_s for event in events] == [1.0 + n / 30.0 for n in range(4)]
     assert [event.latency_s for event in events] == [0.25] * 4
     assert [event.skipped for event in events] == [0] * 4
     assert sight is not None
