@@ -36,6 +36,8 @@ _NECK_ROWS = 8
 _OWN = 1.0
 # Share of the expected outline that must be surprising.
 _LEAST_COVERED = 0.2
+# Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
+_RIM, _LIMB = 5, 3
 
 
 def search(work: Work, config: RegionConfig) -> Found | None:
@@ -100,6 +102,11 @@ def _search_known_shape(
     # Grey legs on a grey floor are known by their edges, where the outline has them.
     edges = shape & maybe & sharp_edges(work.lab)
     mask |= _touching(mask | edges, mask) & shape
+    # A cut prefers short borders and so loses necks and arms; what the outline has, its uncertain
+    # rim aside, stays unless it looks like background.
+    inner = cv2.erode(_bytes(shape), np.ones((_RIM, _RIM), np.uint8)) > 0
+    kernel = np.ones((_LIMB, _LIMB), np.uint8)
+    mask |= cv2.morphologyEx(_bytes(inner & (evidence > 0.0)), cv2.MORPH_OPEN, kernel) > 0
     ys, xs = np.nonzero(shape)
     blob = Blob(float(xs.mean()), float(ys.mean()), size / float(np.sqrt(2.0 * np.pi)), share)
     mask = keep_object(mask, blob.x_px, blob.y_px, size)
