@@ -1,8 +1,8 @@
 """Runs jobs as child processes of this machine.
 
-Each worker gets its own session, a nice value and a thread limit, so that it yields to flight and a
-crash of it (a CUDA fault, no memory) reaches nobody else. Cancelling is cooperative first: the file
-``stop``, then SIGTERM, then SIGKILL to the worker's own process group.
+Each worker gets its own process group, a nice value and a thread limit, so that it yields to
+flight and a crash of it (a CUDA fault, no memory) reaches nobody else. Cancelling is cooperative
+first: the file ``stop``, then SIGTERM, then SIGKILL to that group.
 """
 
 from __future__ import annotations
@@ -139,7 +139,9 @@ class LocalRunner:
                 stderr=log,
                 env=environment,
                 limit=_LINE_LIMIT,
-                start_new_session=True,
+                # A group of its own, to be signalled as one and spared Ctrl-C, but no session of
+                # its own: Linux weighs sessions against each other and nice values only within one.
+                process_group=0,
             )
         logger.info("job %s started as process %d", folder.name, process.pid)
         return LocalJob(folder, process)
