@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
+from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
 from server.sim.faults import Fault
 from server.sim.words import LEVELS, SdkLevel
 from server.swarm.config import DRONE_COLOURS, MAX_DRONES, DroneConfig, FleetConfig
@@ -24,6 +25,12 @@ class DynamicsConfig:
         sink_m_s: Speed of landing, metres per second.
         drift_sigma_m_s: Spread of the horizontal hover drift velocity, metres per second.
         drift_tau_s: How long a drift velocity lasts, seconds.
+        gust_m_s: Spread of the velocity along each horizontal axis that a gust forces on it, metres
+            per second; 0: still air.
+        gust_period_s: Mean time from a gust to the next, seconds.
+        gust_s: How long a gust blows, seconds.
+        speed_scale_sigma: Spread of the scale of each drone's reported velocity, as a share.
+        speed_lag_s: How far reported velocities lag behind, seconds.
         yaw_walk_deg: Heading drift that the drone does not notice, degrees per root second.
         gyro_bias_deg_s: Spread of each drone's constant heading drift, degrees per second.
         camera_offset_m: Camera ahead of the body's centre, metres.
@@ -44,6 +51,11 @@ class DynamicsConfig:
     sink_m_s: float = 0.4
     drift_sigma_m_s: float = 0.02
     drift_tau_s: float = 4.0
+    gust_m_s: float = 0.1
+    gust_period_s: float = 15.0
+    gust_s: float = 1.5
+    speed_scale_sigma: float = 0.04
+    speed_lag_s: float = 0.1
     yaw_walk_deg: float = 0.1
     gyro_bias_deg_s: float = 0.01
     camera_offset_m: float = 0.035
@@ -64,9 +76,86 @@ class DynamicsConfig:
         for name in ("lag_s", "climb_m_s", "sink_m_s", "drift_tau_s", "take_off_height_m"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
-        for name in ("flight_time_s", "idle_time_s"):
+        for name in ("flight_time_s", "idle_time_s", "gust_period_s", "gust_s"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+
+    @classmethod
+    def calm(cls) -> DynamicsConfig:
+        """Return an airframe without whims: it does what it is told, and says what it does."""
+        none = (
+            "gain_sigma",
+            "drift_sigma_m_s",
+            "gust_m_s",
+            "speed_scale_sigma",
+            "speed_lag_s",
+            "yaw_walk_deg",
+            "gyro_bias_deg_s",
+            "tilt_sigma_deg",
+            "shake_deg",
+        )
+        return cls(**dict.fromkeys(none, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class CameraConfig:
+    """How the simulated cameras take pictures; ``CameraConfig.ideal()`` is a still pinhole.
+
+    Attributes:
+        distortion: Brown's ``(k1, k2, p1, p2, k3)`` of every lens, which its calibration knows.
+        focal_sigma: Spread of each lens's true focal length about the calibrated, as a share.
+        principal_sigma_px: Spread of its true principal point on each axis, pixels.
+        readout_s: Time from the first row's exposure to the last row's, seconds; 0: all at once.
+        exposure_s: How long a row is exposed, seconds; 0: no smear.
+        depth_m: Depth assumed of all that is seen where the camera's own shift smears it, metres.
+        gain_sigma: Spread of the logarithm of the exposure, which wanders.
+        balance_sigma: Spread of the logarithms of blue and red against green.
+        gain_tau_s: How long an exposure lasts, seconds.
+    """
+
+    distortion: tuple[float, float, float, float, float] = (-0.0335, 0.1052, 0.0013, -0.0066, 0.0)
+    focal_sigma: float = 0.01
+    principal_sigma_px: float = 2.0
+    readout_s: float = 0.02
+    exposure_s: float = 0.01
+    depth_m: float = 1.8
+    gain_sigma: float = 0.1
+    balance_sigma: float = 0.03
+    gain_tau_s: float = 8.0
+
+    def __post_init__(self) -> None:
+        if len(self.distortion) != 5 or not all(map(math.isfinite, self.distortion)):
+            raise ValueError(f"distortion must be five numbers, not {self.distortion!r}")
+        for name, most in (
+            ("focal_sigma", 0.015),
+            ("principal_sigma_px", 5.0),
+            ("readout_s", 0.05),
+            ("exposure_s", 0.05),
+            ("gain_sigma", 0.5),
+            ("balance_sigma", 0.2),
+        ):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise ValueError(f"{name} must be 0 to {most:g}, not {getattr(self, name)!r}")
+        for name in ("depth_m", "gain_tau_s"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+
+    @classmethod
+    def ideal(cls) -> CameraConfig:
+        """Return the camera that takes what is drawn."""
+        none = (0.0, 0.0, 0.0, 0.0, 0.0)
+        return cls(none, 0.0, 0.0, 0.0, 0.0, gain_sigma=0.0, balance_sigma=0.0)
+
+    @property
+    def calibrated(self) -> Intrinsics:
+        """What is known of every drone's camera: the calibration of its type."""
+        return replace(TELLO_INTRINSICS, distortion=self.distortion)
+
+    @property
+    def bends(self) -> bool:
+        """True unless pictures keep the shape of what a nominal pinhole draws."""
+        spreads = (self.focal_sigma, self.principal_sigma_px, self.readout_s)
+        return any(self.distortion) or any(spreads)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +178,7 @@ class SimConfig:
             as tello_ros measured on a real drone.
         truth_file: Where the true poses of rendered pictures go, for benches only; None: nowhere.
         dynamics: How the drones fly.
+        camera: How their cameras take pictures.
         faults: What goes wrong, and when.
         sdk: Text protocol the drones speak.
         friendly_reads: True for reads answered with plain whole numbers, as some clients expect.
@@ -109,6 +199,7 @@ class SimConfig:
     bitrate_kbit_s: int = 2500
     truth_file: Path | None = None
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    camera: CameraConfig = field(default_factory=CameraConfig)
     faults: tuple[Fault, ...] = ()
     sdk: SdkLevel = "3.0"
     friendly_reads: bool = False
@@ -182,7 +273,8 @@ def fleet_config(config: SimConfig) -> FleetConfig:
     """Return the fleet that reaches simulated drones on loopback addresses.
 
     Each drone gets a local address of its own, 100 above the drone's, so that the fixed state and
-    video ports never clash on one machine.
+    video ports never clash on one machine. Of the cameras it knows the calibration of their type;
+    each drone's own lens is a little different.
     """
     drones = tuple(
         DroneConfig(
@@ -192,6 +284,7 @@ def fleet_config(config: SimConfig) -> FleetConfig:
             azimuth_deg=config.azimuth_deg(index),
             address=config.address(index),
             local_address=str(IPv4Address(config.address(index)) + 100),
+            intrinsics=config.camera.calibrated,
         )
         for index in range(config.drones)
     )

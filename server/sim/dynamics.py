@@ -5,8 +5,8 @@ Symbols: positions are the body's centre in world metres, ``yaw_rad`` is counter
 up, clockwise), -100..100. Vectors are tuples of floats inside, because thousands of hours are
 flown in steps of 20 ms; the surface gives arrays.
 
-Each drone has stick gains of its own, drifts, and turns unnoticed by its own compass-less yaw.
-Collisions are not simulated.
+Each drone has stick gains of its own, drifts, and turns unnoticed by its own compass-less yaw; the
+velocity it reports has a scale of its own and lags. Collisions are not simulated.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.axes import wrap_angle
+from server.sim.camera import CameraMotion
 from server.sim.config import DynamicsConfig
 from server.sim.manoeuvres import Flip, Manoeuvre
 from server.sim.sensors import GRAVITY_M_S2, TrueState, Vector, camera_from_angles, readings_of
@@ -81,6 +82,7 @@ class Airframe:
         self._tilt_rad = math.radians(
             config.tilt_deg + config.tilt_sigma_deg * rng.standard_normal()
         )
+        self._speed_scale = 1.0 + config.speed_scale_sigma * float(rng.standard_normal())
         self.whims = Whims(config, rng)
         self._dt_s = 0.0
         self._pretence_s = 0.0
@@ -178,6 +180,8 @@ class Airframe:
             self._dt_s = dt_s
             self._follow = 1.0 - math.exp(-dt_s / self._config.lag_s)
             self._lean_follow = 1.0 - math.exp(-dt_s / _LEAN_LAG_S)
+            lag_s = self._config.speed_lag_s
+            self._measure = 1.0 - math.exp(-dt_s / lag_s) if lag_s > 0.0 else 1.0
         self._wear(dt_s)
         if self.phase == "standing":
             if self._pretence_s > 0.0:
@@ -204,10 +208,16 @@ class Airframe:
             (vy - before[1]) / dt_s,
             (vz - before[2]) / dt_s,
         )
+        felt, measured = self._felt, self._measure
+        self._felt = (
+            felt[0] + measured * (vx - felt[0]),
+            felt[1] + measured * (vy - felt[1]),
+            felt[2] + measured * (vz - felt[2]),
+        )
         x, y, z = self._at
         self._at = x + vx * dt_s, y + vy * dt_s, z + vz * dt_s
         self._turn(dt_s)
-        self._sway()
+        self._sway(dt_s)
         self._conclude()
 
     def _wanted(self, dt_s: float) -> tuple[Vector, float]:
@@ -235,11 +245,12 @@ class Airframe:
         unseen = self.whims.turn_rad(dt_s)
         self._unseen_yaw_rad += unseen
         turned = self._turn_rad_s * dt_s
+        self._heading_rad_s = self._turn_rad_s + unseen / dt_s
         self.yaw_rad = wrap_angle(self.yaw_rad + turned + unseen)
         if self.manoeuvre is not None:
             self.manoeuvre.turned(turned)
 
-    def _sway(self) -> None:
+    def _sway(self, dt_s: float) -> None:
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         ax, ay, _ = self._acceleration
         # It leans towards where it accelerates: nose down forwards, right side down rightwards.
@@ -249,8 +260,15 @@ class Airframe:
         roll = max(-_LEAN_MAX_RAD, min(_LEAN_MAX_RAD, roll))
         follow = self._lean_follow
         p, r = self._lean
-        self._lean = p + follow * (pitch - p), r + follow * (roll - r)
+        before = self.whims.shake
+        self._lean = lean = p + follow * (pitch - p), r + follow * (roll - r)
         self.whims.shake_on()
+        shake = self.whims.shake
+        self._swaying_rad_s = (
+            (lean[0] - p + shake[0] - before[0]) / dt_s,
+            (lean[1] - r + shake[1] - before[1]) / dt_s,
+            (shake[2] - before[2]) / dt_s,
+        )
 
     def _conclude(self) -> None:
         height_m = self._at[2]
@@ -270,7 +288,7 @@ class Airframe:
         vx, vy, vz = self._moving
         x, y, z = self._at
         vz -= GRAVITY_M_S2 * dt_s
-        self._moving = vx, vy, vz
+        self._moving = self._felt = vx, vy, vz
         self._at = x + vx * dt_s, y + vy * dt_s, z + vz * dt_s
         if self._at[2] <= 0.0:
             self._touch_down()
@@ -281,8 +299,9 @@ class Airframe:
         self._stand()
 
     def _stand(self) -> None:
-        self._moving = self._steered = self._acceleration = _NOWHERE
-        self._turn_rad_s = 0.0
+        self._moving = self._felt = self._steered = self._acceleration = _NOWHERE
+        self._turn_rad_s = self._heading_rad_s = 0.0
+        self._swaying_rad_s = _NOWHERE
         self._lean = (0.0, 0.0)  # Nose-down and right-side-down of the stabilised picture.
         self.whims.calm()
 
@@ -320,13 +339,22 @@ class Airframe:
         """Return the pose ``(4, 4)`` of the camera that looks at the floor, nose side up."""
         return camera_from_angles(self._at, self.yaw_rad, math.pi / 2, 0.0)
 
+    def camera_motion(self) -> CameraMotion:
+        """Return how the camera moves; flips, which no picture is taken in, are left out."""
+        R_cam_world = self.T_world_cam()[:3, :3].T
+        nose_down, right_down, left = self._swaying_rad_s
+        up = R_cam_world[:, 2] * (self._heading_rad_s + left)
+        # The camera's axes point right, down and ahead.
+        angular = up + np.array([-nose_down, 0.0, right_down])
+        return CameraMotion(angular, R_cam_world @ np.array(self._moving))
+
     def readings(self) -> dict[str, float]:
         """Return what the sensors say now, in the drone's units and axes (FRD, cm, dm/s)."""
         sway = max(self._config.sway, 1e-6)
         state = TrueState(
             height_m=self._at[2],
             yaw_rad=self.yaw_rad - self._unseen_yaw_rad - self._power_on_yaw_rad,
-            velocity_body=self._to_body(self._moving),
+            velocity_body=self._to_body(_scaled(self._felt, self._speed_scale)),
             acceleration_body=self._to_body(self._acceleration),
             lean_rad=(self._lean[0] / sway, self._lean[1] / sway),
             moving=self.phase != "standing",
@@ -352,6 +380,10 @@ class Airframe:
 def _vector(values: Array | Sequence[float]) -> Vector:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+def _scaled(vector: Vector, factor: float) -> Vector:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor
 
 
 def _frozen(vector: Vector) -> Array:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 
-from server.geometry.cameras import TELLO_INTRINSICS
+from server.sim.camera import canvas_intrinsics
 from server.sim.config import SimConfig
 from server.sim.drone import SimError, SimulatedDrone
 from server.sim.faults import faults_help, parse_fault
@@ -39,7 +39,7 @@ def make_world(config: SimConfig) -> PictureSource:
     """Return the rendered world of a configuration; raises SceneError for a bad scene."""
     return World(
         load_object(config.scene),
-        intrinsics=TELLO_INTRINSICS,
+        intrinsics=canvas_intrinsics(config.camera),
         supersample=config.supersample,
         seed=config.seed,
     )

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.sim.camera import STILL, SimulatedCamera
 from server.sim.config import SimConfig
 from server.sim.drone import SimulatedDrone
 from server.sim.encoder import VideoEncoder
@@ -70,10 +71,11 @@ class _Form:
 
 
 class _Encoding:
-    """An encoder with the form of its pictures."""
+    """A drone's camera and an encoder, with the form of its pictures."""
 
-    def __init__(self, form: _Form) -> None:
+    def __init__(self, form: _Form, camera: SimulatedCamera) -> None:
         self.form = form
+        self.camera = camera
         self._encoder = VideoEncoder(*form.size_px, form.fps, form.bitrate_kbit_s)
 
     def encode(self, image_bgr: NDArray[np.uint8], at_s: float, key: bool) -> list[bytes]:
@@ -106,6 +108,10 @@ class Studio:
         self._ended: asyncio.Future[None] = self._loop.create_future()
         self._closing = threading.Event()
         self._sent = dict.fromkeys((drone.drone_id for drone in drones), 0)
+        self._cameras = {
+            drone.drone_id: SimulatedCamera(config.camera, config.seed, index)
+            for index, drone in enumerate(drones)
+        }
         self._thread = threading.Thread(target=self._run, name="studio", daemon=True)
 
     async def start(self) -> None:
@@ -171,7 +177,7 @@ class Studio:
             form = _Form.wanted_by(drone, self._config)
             encoding = encoders.get(drone.drone_id)
             if encoding is None or encoding.form != form:
-                encoders[drone.drone_id] = encoding = _Encoding(form)
+                encoders[drone.drone_id] = encoding = _Encoding(form, self._cameras[drone.drone_id])
             self._shoot(drone, world, encoding, truth)
 
     def _fps(self, drone: SimulatedDrone) -> float:
@@ -194,7 +200,8 @@ class Studio:
             for other in self._drones
             if other is not drone
         ]
-        image_bgr = world.render(T_world_cam, others)
+        motion = STILL if down else airframe.camera_motion()
+        image_bgr = encoding.camera.take(world.render(T_world_cam, others), motion, at_s)
         key = drone.sdk.key_picture_due
         drone.sdk.key_picture_due = False
         datagrams = encoding.encode(image_bgr, at_s, key)

@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from server.sim.camera import true_intrinsics
 from server.sim.config import SimConfig
 from server.sim.dynamics import Airframe
 from server.sim.fault_plan import FaultPlan
@@ -75,6 +76,7 @@ class Tello:
         drone_id: Its id in the simulation.
         address: Its IPv4 address.
         airframe: Its body: the truth.
+        lens: Its camera's true intrinsics.
         sdk: Its side of the protocol; a new one after every restart.
         uplink: The air to it.
         downlink: The air from it.
@@ -86,6 +88,7 @@ class Tello:
         self.drone_id = config.drone_id(index)
         self.address = config.address(index)
         self.airframe = placed_airframe(config, index)
+        self.lens = true_intrinsics(config.camera, config.seed, index)
         self.uplink: Radio[tuple[bytes, Sender]] = Radio(_rng(config, index, "up"))
         self.downlink: Radio[Outgoing] = Radio(_rng(config, index, "down"))
         self.powered = True

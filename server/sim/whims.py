@@ -1,7 +1,8 @@
-"""What a drone does unasked: hover drift, wind, an unnoticed turn, the camera's shake; pure.
+"""What a drone does unasked: hover drift, wind, gusts, an unnoticed turn, the camera's shake; pure.
 
 Drift is an Ornstein-Uhlenbeck velocity, as is the shake of the camera's attitude; the heading walks
-away at random and by each drone's constant bias. Vectors are world metres per second.
+away at random and by each drone's constant bias. Gusts come at random, as rare events do, blow for
+a while and are felt like wind. Vectors are world metres per second.
 """
 
 from __future__ import annotations
@@ -39,11 +40,15 @@ class Whims:
         self._bias_rad_s = math.radians(config.gyro_bias_deg_s) * float(rng.standard_normal())
         self._drift = _NOWHERE
         self._blown = _NOWHERE
+        self._gust = _NOWHERE
+        self._gust_left_s = 0.0
+        self._still_s = self._wait_s()
         self._retime(_STEP_S)
 
     def calm(self) -> None:
         """Start afresh, as after standing on the ground."""
-        self.shake = self._drift = self._blown = _NOWHERE
+        self.shake = self._drift = self._blown = self._gust = _NOWHERE
+        self._gust_left_s = 0.0
 
     def velocity(self, dt_s: float, sees_floor: bool) -> Vector:
         """Return the velocity of drift and wind together, ``dt_s`` after the last."""
@@ -59,14 +64,37 @@ class Whims:
             keep * dz + kick * _VERTICAL_DRIFT * normal(),
         )
         bx, by, bz = self._blown
+        self._blow_on(dt_s)
         wx, wy, wz = self.wind
+        gx, gy, _ = self._gust
         blow = self._blow
         self._blown = bx, by, bz = (
-            bx + blow * (wx - bx),
-            by + blow * (wy - by),
+            bx + blow * (wx + gx - bx),
+            by + blow * (wy + gy - by),
             bz + blow * (wz - bz),
         )
         return dx + bx, dy + by, dz + bz
+
+    def _blow_on(self, dt_s: float) -> None:
+        """Let a gust begin or end when its time has come."""
+        if self._gust_left_s > 0.0:
+            self._gust_left_s -= dt_s
+            if self._gust_left_s <= 0.0:
+                self._gust = _NOWHERE
+            return
+        self._still_s -= dt_s
+        if self._still_s > 0.0:
+            return
+        strength = self._config.gust_m_s
+        self._gust = strength * self.normal(), strength * self.normal(), 0.0
+        self._gust_left_s = self._config.gust_s
+        self._still_s = self._wait_s()
+
+    def _wait_s(self) -> float:
+        """Return how long the air stays still until the next gust."""
+        if self._config.gust_m_s <= 0.0:
+            return math.inf
+        return self._config.gust_period_s * float(self._rng.standard_exponential())
 
     def turn_rad(self, dt_s: float) -> float:
         """Return the turn, counter-clockwise, that the drone itself does not notice."""

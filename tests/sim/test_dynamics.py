@@ -19,14 +19,7 @@ from server.sim.tello import placed_airframe
 from server.stages import Setpoint
 from server.swarm.protocol import decode_state, rc_from_setpoint
 
-CALM = DynamicsConfig(
-    gain_sigma=0.0,
-    drift_sigma_m_s=0.0,
-    yaw_walk_deg=0.0,
-    gyro_bias_deg_s=0.0,
-    shake_deg=0.0,
-    tilt_sigma_deg=0.0,
-)
+CALM = DynamicsConfig.calm()
 STEP_S = 0.02
 
 

@@ -25,8 +25,8 @@ class Tello:
     def __init__(
         self, *, entered: bool = True, level: SdkLevel = "3.0", friendly: bool = False
     ) -> None:
-        config = DynamicsConfig(drift_sigma_m_s=0.0, yaw_walk_deg=0.0, gyro_bias_deg_s=0.0)
-        self.airframe = Airframe(np.zeros(3), 0.0, config, np.random.default_rng(0))
+        calm = DynamicsConfig.calm()
+        self.airframe = Airframe(np.zeros(3), 0.0, calm, np.random.default_rng(0))
         self.sdk = TextSdk(self.airframe, "0TQTEST0000001", level, friendly_reads=friendly)
         self.now_s = 0.0
         if entered:

@@ -13,14 +13,7 @@ from server.sim.tello import STEP_S, Outgoing, Tello
 from server.sim.words import SdkLevel
 
 ME = ("10.0.0.2", 40000)
-CALM = DynamicsConfig(
-    gain_sigma=0.0,
-    drift_sigma_m_s=0.0,
-    yaw_walk_deg=0.0,
-    gyro_bias_deg_s=0.0,
-    shake_deg=0.0,
-    tilt_sigma_deg=0.0,
-)
+CALM = DynamicsConfig.calm()
 
 
 class Flight:

@@ -37,14 +37,7 @@ __all__ = [
 ]
 
 # A drone without whims: what a test sees is what it ordered.
-CALM = DynamicsConfig(
-    gain_sigma=0.0,
-    drift_sigma_m_s=0.0,
-    yaw_walk_deg=0.0,
-    gyro_bias_deg_s=0.0,
-    shake_deg=0.0,
-    tilt_sigma_deg=0.0,
-)
+CALM = DynamicsConfig.calm()
 
 
 def now_s() -> float:

@@ -60,9 +60,14 @@ class SightErrors:
 
 
 class VirtualCamera:
-    """Numbers the pictures of one drone and remembers where each was taken."""
+    """Numbers the pictures of one drone and remembers where each was taken.
+
+    Attributes:
+        lens: Its true intrinsics, which the mission does not know.
+    """
 
     def __init__(self, tello: Tello) -> None:
+        self.lens = tello.lens
         self._tello = tello
         self._count = 0
         self._poses: OrderedDict[int, Array] = OrderedDict()
@@ -164,7 +169,7 @@ class VirtualEye:
         self._bias = keep * self._bias + kick * rng.standard_normal(2)
         if T_world_cam is None or rng.random() < errors.drop_outs:
             return None, None
-        intrinsics = self._drone.config.intrinsics
+        intrinsics = self._camera.lens
         pixels, depths = intrinsics.project(self._points, T_world_cam)
         if (depths < _NEAREST_M).any():
             return None, None
