@@ -24,8 +24,8 @@ from server.sim.scenes.surroundings import random_surroundings
 from server.sim.world import World
 from server.stages import CameraPose, SeedGeometry, Viewpoint
 from server.vision.expectation import expected_region
-from server.vision.localization import TargetEstimate
 from server.vision.prior import RegionPrior
+from server.vision.target import TargetEstimate
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

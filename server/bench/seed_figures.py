@@ -27,9 +27,9 @@ from server.sim.world import World
 from server.stages import CameraPose, Frame, SeedGeometry, View, Viewpoint
 from server.vision.config import SeedConfig, VisionConfig
 from server.vision.expectation import expected_region
-from server.vision.localization import TargetEstimate
 from server.vision.region import RegionTracker
 from server.vision.seed import SeedError, refine_seed, seed_from_views
+from server.vision.target import TargetEstimate
 
 Array = NDArray[np.float64]
 

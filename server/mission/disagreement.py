@@ -2,7 +2,8 @@
 
 Once a second the newest sights are compared (``server.vision.agreement``). A disagreement is told
 when it was found twice in a row and its end when it was missing twice in a row, so that a single
-bad picture is no news.
+bad picture is no news. Once in a capture the outlines are asked whether the drones stand in the
+order that was assumed (``server.vision.arrangement``).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from server.mission.pilot import Pilot
 from server.stages import View
 from server.swarm.drone import Drone
 from server.vision.agreement import disagreements
+from server.vision.arrangement import Arrangement, arrangements, better_arrangements
 from server.vision.config import AgreementConfig
 
 logger = logging.getLogger(__name__)
@@ -49,6 +51,7 @@ class DisagreementWatch:
         self._told = ViewsDisagree((), "")
         self._found: tuple[str, ...] = ()
         self._times = 0
+        self._order_asked = False
 
     def standing(self) -> list[Event]:
         """Return the disagreement that goes on, if any."""
@@ -59,7 +62,9 @@ class DisagreementWatch:
         while True:
             try:
                 crew = observers()
-                self.look(self._views(crew), watching=bool(crew))
+                views = self._views(crew)
+                self.look(views, watching=bool(crew))
+                await self._ask_order(views, watching=bool(crew))
             except Exception:
                 # Advice for the operator: its failure must not bring anybody down.
                 logger.exception("the drones' views could not be compared")
@@ -78,6 +83,24 @@ class DisagreementWatch:
         self._times += 1
         if self._times >= _TIMES:
             self._tell(drone_ids, " ".join(dict.fromkeys(found.values())))
+
+    async def _ask_order(self, views: list[View], *, watching: bool) -> None:
+        """Tell the operator, once in a capture, when the drones seem to stand in another order."""
+        if not watching:
+            self._order_asked = False
+        if self._order_asked or self._told.drone_ids or not watching:
+            return
+        centre, config = self._pilot.target().centre, self._config.arrangement
+        # Tens of milliseconds: too long for the loop that flies the drones.
+        tried = await asyncio.to_thread(arrangements, views, centre, config)
+        self._order_asked = bool(tried)
+        better = better_arrangements(tried, config)
+        if better:
+            ids = [view.pose.drone_id for view in views]
+            self._events.publish(Noted("warning", _order_text(ids, better, self._label)))
+
+    def _label(self, drone_id: str) -> str:
+        return self._drones[drone_id].config.label
 
     def _views(self, crew: tuple[str, ...]) -> list[View]:
         views: list[View] = []
@@ -100,10 +123,27 @@ class DisagreementWatch:
         if not drone_ids:
             self._events.publish(Noted("info", "The drones' views agree on one object again."))
             return
-        names = ", ".join(self._drones[d].config.label for d in drone_ids)
+        names = ", ".join(map(self._label, drone_ids))
         text = (
             f"The views disagree ({names}). {reason} Look at the outlines; where one is wrong, pick"
             " the object on that tile."
         )
         drone_id = drone_ids[0] if len(drone_ids) == 1 else None
         self._events.publish(Noted("warning", text, drone_id))
+
+
+def _order_text(ids: list[str], better: list[Arrangement], label: Callable[[str], str]) -> str:
+    """Return what the operator reads when the outlines speak for other orders."""
+    orders = []
+    for arrangement in better:
+        moved = [
+            f"{label(drone_id)} at the place of {label(ids[place])}"
+            for drone_id, place in zip(ids, arrangement.places, strict=True)
+            if ids[place] != drone_id
+        ]
+        orders.append(", ".join(moved))
+    return (
+        "The drones seem to stand in another order than assumed, by the outlines of the object: "
+        + "; or ".join(orders)
+        + ". Land, put them at their places and start again, or the model will be wrong."
+    )

@@ -22,8 +22,8 @@ from server.mission.events import Event, EventStream, Noted, ObjectPointedOut
 from server.mission.eyes import Eye, Sight
 from server.mission.pilot import Pilot
 from server.swarm.drone import Drone
-from server.vision.localization import TargetEstimate, prior_target
 from server.vision.picks import Pick, box_around, expected_size, picked_target, shows
+from server.vision.target import TargetEstimate, prior_target
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,11 @@ from server.mission.config import FlightConfig
 from server.mission.eyes import Eye, Sight
 from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
-from server.stages import Box, CameraPose, Viewpoint
+from server.stages import Box, CameraPose, SeedGeometry, Viewpoint
 from server.swarm.drone import Drone
 from server.swarm.failsafes import FlightReadings
-from server.vision.localization import PoseFilter, TargetEstimate, TargetEstimator
+from server.vision.localization import PoseFilter
+from server.vision.target import TargetEstimate, TargetEstimator
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,7 @@ class Wing:
         sight = self.fresh_sight(now_s)
         return None if sight is None else sight.box
 
-    def observe(self, target: TargetEstimator) -> None:
+    def observe(self, target: TargetEstimator, seed: SeedGeometry | None) -> None:
         """Take new telemetry and a new box, and share what they tell about the object."""
         telemetry = self.drone.telemetry
         if self.drone.activity == "flying":
@@ -161,7 +162,7 @@ class Wing:
             others = target.estimate(excluding=self.drone.config.id)
             assert sight.box is not None
             self._seen_s = sight.frame.captured_s
-            self.filter.observe_box(sight.box, sight.frame.captured_s, others)
+            self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed)
             target.observe(self.drone.config.id, self.filter.target_belief())
 
     def pose(self, now_s: float) -> CameraPose:

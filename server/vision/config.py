@@ -130,6 +130,32 @@ class SeedConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ArrangementConfig:
+    """When the outlines say that the drones stand in another order than was assumed.
+
+    Attributes:
+        cells: Cells along each axis of the cube that is carved.
+        cube: Side of that cube, in sizes of the largest box.
+        grid: Cells along each side of an outline.
+        least_gain: Another order must fill this much more of the outlines than the assumed one.
+        tie: Orders that fill less than the best one by no more than this are as likely.
+        spread_rad: Neighbours must stand this far apart at least, as seen from the object, radians.
+    """
+
+    cells: int = 36
+    cube: float = 1.3
+    grid: int = 20
+    least_gain: float = 0.12
+    tie: float = 0.06
+    spread_rad: float = 0.8
+
+    def __post_init__(self) -> None:
+        _require_positive(self)
+        _require(self.tie < self.least_gain < 1.0, "least_gain", "must lie between tie and 1")
+        _require(self.spread_rad < 1.5707, "spread_rad", "must be below a right angle")
+
+
+@dataclass(frozen=True, slots=True)
 class AgreementConfig:
     """When the drones' regions are of one object.
 
@@ -141,6 +167,7 @@ class AgreementConfig:
         floor_m: Standard deviation of a ray's place that no pose is better than, metres.
         distance_m: Assumed distance of the object where the views have no point in common, metres.
         size_log_sigma: Standard deviation of the logarithm of a box's height in metres.
+        arrangement: Whether the drones stand in the assumed order.
     """
 
     gate: float = 3.0
@@ -149,6 +176,7 @@ class AgreementConfig:
     floor_m: float = 0.03
     distance_m: float = 2.0
     size_log_sigma: float = 0.2
+    arrangement: ArrangementConfig = field(default_factory=ArrangementConfig)
 
     def __post_init__(self) -> None:
         _require_positive(self)
@@ -166,11 +194,14 @@ class LocalizationConfig:
         velocity_sigma_m_s: White error of a reported velocity (quantisation and noise), m/s.
         velocity_bias_m_s: Slowly changing error of the reported velocity, m/s.
         velocity_bias_tau_s: Correlation time of that error, seconds.
-        velocity_scale_sigma: Share by which reported speeds may be wrong.
+        velocity_scale_sigma: Share by which a drone's reported speeds are wrong all the time.
+        velocity_lag_s: How far reported velocities may lag behind, seconds.
         yaw_sigma_rad: Error of one reported yaw (one-degree steps), radians.
         yaw_drift_rad_sqrt_s: Random walk of the reported yaw, radians per root second.
-        height_sigma_m: Error of the reported height (10 cm steps), metres.
-        tof_sigma_m: Error of the distance sensor, metres.
+        yaw_bias_rad_s: How fast the reported yaw may drift all the time, radians per second.
+        height_sigma_m: How near the height is to the middle of a reported 10 cm step, metres.
+        tof_sigma_m: White error of the distance sensor, metres.
+        tof_bias_m: Error of its zero, metres.
         tof_offset_m: Camera height minus the distance sensor's reading, metres.
         box_sigma_rad: White error of the box centroid's direction, radians.
         box_bias_rad: Slowly changing error of it (the box's centroid is not the object's centre,
@@ -178,7 +209,7 @@ class LocalizationConfig:
         box_bias_tau_s: Correlation time of that error, seconds.
         size_sigma: White relative error of the apparent height.
         size_bias: Slowly changing relative error of it.
-        use_attitude: Whether reported pitch and roll turn the camera.
+        attitude_share: Share of the reported pitch and roll that the stabilised video shows.
         gate: Squared Mahalanobis distance per degree of freedom beyond which a box is refused.
         max_extrapolation_s: How far from the newest report a pose is extrapolated, seconds.
         target_sigma_m: How near the object stands to the world's origin, per axis, metres.
@@ -188,25 +219,28 @@ class LocalizationConfig:
         object_height_log_sigma: How well its logarithm is known.
     """
 
-    start_position_sigma_m: float = 0.2
-    start_height_m: float = 0.08
-    start_height_sigma_m: float = 0.02
-    start_yaw_sigma_rad: float = 0.262
+    start_position_sigma_m: float = 0.12
+    start_height_m: float = 0.03
+    start_height_sigma_m: float = 0.03
+    start_yaw_sigma_rad: float = 0.2
     velocity_sigma_m_s: float = 0.05
-    velocity_bias_m_s: float = 0.04
+    velocity_bias_m_s: float = 0.02
     velocity_bias_tau_s: float = 3.0
     velocity_scale_sigma: float = 0.05
+    velocity_lag_s: float = 0.1
     yaw_sigma_rad: float = 0.012
     yaw_drift_rad_sqrt_s: float = 0.0025
+    yaw_bias_rad_s: float = 0.0003
     height_sigma_m: float = 0.05
     tof_sigma_m: float = 0.03
+    tof_bias_m: float = 0.05
     tof_offset_m: float = 0.0
     box_sigma_rad: float = 0.03
-    box_bias_rad: float = 0.03
+    box_bias_rad: float = 0.05
     box_bias_tau_s: float = 15.0
-    size_sigma: float = 0.3
-    size_bias: float = 0.35
-    use_attitude: bool = True
+    size_sigma: float = 0.12
+    size_bias: float = 0.1
+    attitude_share: float = 0.3
     gate: float = 7.0
     max_extrapolation_s: float = 0.5
     target_sigma_m: float = 0.3
@@ -218,8 +252,10 @@ class LocalizationConfig:
     def __post_init__(self) -> None:
         offset = self.tof_offset_m
         _require(-0.5 < offset < 0.5, "tof_offset_m", f"must lie within half a metre, got {offset}")
+        share = self.attitude_share
+        _require(0.0 <= share <= 1.0, "attitude_share", f"must lie between 0 and 1, got {share}")
         for each in fields(self):
-            if each.name not in ("tof_offset_m", "use_attitude"):
+            if each.name not in ("tof_offset_m", "attitude_share"):
                 value = getattr(self, each.name)
                 _require(value > 0, each.name, f"must be above zero, got {value}")
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from server.geometry.cameras import Intrinsics
 from server.stages import CameraPose, SeedGeometry
 from server.vision.ground import ground_seen
-from server.vision.localization import TargetEstimate
 from server.vision.prior import RegionPrior
+from server.vision.target import TargetEstimate
 
 # A box's centroid differs from the projection of the object's centre by this share of its size.
 _CENTROID_SHARE = 0.15

@@ -1,27 +1,27 @@
 """Where the drones are, and where the object is, without any external localisation.
 
-One extended Kalman filter per drone. Its state, 14 numbers:
+One extended Kalman filter per drone. Its state, 17 numbers:
 
     p (3)   camera centre, world metres            [0:3]
     b       world heading minus reported yaw, rad  [3]
-    e (3)   error of the reported velocity, body FLU, m/s  [4:7]
-    o (3)   slowly changing errors of the box: right, down (rad), log apparent height  [7:10]
-    t (3)   centre of the object, world metres     [10:13]
-    h       log of the object's height in metres   [13]
+    d       how fast that drifts in flight, rad/s  [4]
+    s       share by which reported speeds are too high  [5]
+    e (3)   further error of the reported velocity, body FLU, m/s  [6:9]
+    f       error of the distance sensor's zero, m [9]
+    o (3)   slowly changing errors of the box: right, down (rad), log apparent height  [10:13]
+    t (3)   centre of the object, world metres     [13:16]
+    h       log of the object's height in metres   [16]
 
 Reported velocity and yaw drive the prediction; distance sensor and height correct z; the box gives
 direction (two angles) and log apparent height of the object. Every filter holds the object in its
 own state, starting from the same prior: it stands about where the start circle has its centre. That
-prior and the start places are the gauge of the world.
+prior and the start places are the gauge of the world. What drones share is in ``target``.
 
-Given the object, the drones' errors are independent, so the object is the only thing they have to
-share: ``TargetEstimator`` multiplies the drones' likelihoods of it, and a filter is conditioned on
-what the *others* know of it when a pose is asked for. Nothing is counted twice.
+Heights are reported in steps of 10 cm, so that many reports of one height say no more than one:
+only a step is a measurement, of the height between the two.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,89 +29,21 @@ from numpy.typing import NDArray
 from server.geometry.axes import R_BODY_LEVEL_CAM, rotation_z, rotation_zyx, wrap_angle
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import transform_from
-from server.stages import Box, CameraPose, Telemetry
+from server.stages import Box, CameraPose, SeedGeometry, Telemetry
 from server.vision.config import LocalizationConfig
+from server.vision.target import TargetEstimate, estimate_from, prior_target
+from server.vision.view_dependence import view_dependence
 
 Array = NDArray[np.float64]
 
-_P, _B, _E, _O, _T = slice(0, 3), 3, slice(4, 7), slice(7, 10), slice(10, 14)
-_SIZE = 14
+_P, _B, _D, _S, _E, _F = slice(0, 3), 3, 4, 5, slice(6, 9), 9
+_O, _T = slice(10, 13), slice(13, 17)
+_SIZE = 17
+# Reported heights come in steps of this size, metres; a larger change hides the way between.
+_HEIGHT_STEP_M = 0.11
 # A standard deviation so large that the measurement changes nothing.
 _IGNORED = 100.0
 _UP = np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TargetEstimate:
-    """What is known of the object.
-
-    Attributes:
-        centre: Its centre ``(3,)``, world metres.
-        height_m: Its height.
-        covariance: ``(4, 4)`` of (x, y, z, log height).
-    """
-
-    centre: Array
-    height_m: float
-    covariance: Array
-
-    @property
-    def vector(self) -> Array:
-        """The estimate as ``(4,)``: x, y, z, log height."""
-        return np.append(self.centre, np.log(self.height_m))
-
-    @property
-    def sigma_m(self) -> float:
-        """Root of the mean variance of the centre, metres."""
-        return float(np.sqrt(np.trace(self.covariance[:3, :3]) / 3.0))
-
-
-def prior_target(config: LocalizationConfig) -> TargetEstimate:
-    """Return what is known of the object before anything was seen."""
-    sigmas = np.array(
-        [
-            config.target_sigma_m,
-            config.target_sigma_m,
-            config.target_height_sigma_m,
-            config.object_height_log_sigma,
-        ]
-    )
-    centre = np.array([0.0, 0.0, config.target_height_m])
-    return TargetEstimate(centre, config.object_height_m, np.diag(sigmas**2))
-
-
-def _estimate_from(vector: Array, covariance: Array) -> TargetEstimate:
-    return TargetEstimate(vector[:3].copy(), float(np.exp(vector[3])), covariance)
-
-
-class TargetEstimator:
-    """Combines the drones' beliefs about the object into one.
-
-    With prior information L0 and posterior L_i of drone i, the drone's own contribution is
-    L_i - L0, and together they know L0 + sum_i (L_i - L0).
-    """
-
-    def __init__(self, config: LocalizationConfig, prior: TargetEstimate | None = None) -> None:
-        """Begin with ``prior``, which every filter must begin with too; None: the config's."""
-        self._prior = prior_target(config) if prior is None else prior
-        self._beliefs: dict[str, TargetEstimate] = {}
-
-    def observe(self, drone_id: str, belief: TargetEstimate) -> None:
-        """Take the newest belief of ``drone_id`` (``PoseFilter.target_belief``)."""
-        self._beliefs[drone_id] = belief
-
-    def estimate(self, excluding: str | None = None) -> TargetEstimate:
-        """Return what all drones, or all but ``excluding``, know together."""
-        information0 = np.linalg.inv(self._prior.covariance)
-        information = information0.copy()
-        weighted = information0 @ self._prior.vector
-        for drone_id, belief in self._beliefs.items():
-            if drone_id != excluding:
-                own = np.linalg.inv(belief.covariance)
-                information += own - information0
-                weighted += own @ belief.vector - information0 @ self._prior.vector
-        covariance = np.linalg.inv(information)
-        return _estimate_from(covariance @ weighted, (covariance + covariance.T) / 2.0)
 
 
 class PoseFilter:
@@ -162,12 +94,14 @@ class PoseFilter:
             [
                 np.full(2, config.start_position_sigma_m),
                 [config.start_height_sigma_m, config.start_yaw_sigma_rad],
+                [config.yaw_bias_rad_s, config.velocity_scale_sigma],
                 np.full(3, config.velocity_bias_m_s),
+                [config.tof_bias_m],
                 [config.box_bias_rad, config.box_bias_rad, config.size_bias],
             ]
         )
         self._cov = np.zeros((_SIZE, _SIZE))
-        self._cov[:10, :10] = np.diag(sigmas**2)
+        self._cov[: len(sigmas), : len(sigmas)] = np.diag(sigmas**2)
         self._cov[_T, _T] = self._prior.covariance
 
     def begin_target(self, prior: TargetEstimate) -> None:
@@ -210,7 +144,7 @@ class PoseFilter:
             resting=_rests(last) and _rests(t),
         )
         self._telemetry = t
-        self._correct_height(t)
+        self._correct_height(last, t)
 
     def _predict(
         self, dt_s: float, velocity_body: Array, yaw_reported: float, resting: bool
@@ -220,18 +154,19 @@ class PoseFilter:
         Q[_B] = config.yaw_drift_rad_sqrt_s**2 * dt_s
         if not resting:
             R = rotation_z(self._x[_B] + yaw_reported)
-            moved = R @ (velocity_body - self._x[_E]) * dt_s
+            scaled = (1.0 - self._x[_S]) * velocity_body
+            moved = R @ (scaled - self._x[_E]) * dt_s
             self._x[_P] += moved
+            self._x[_B] += self._x[_D] * dt_s
             F[_P, _B] = np.cross(_UP, moved)
+            F[_P, _S] = -R @ velocity_body * dt_s
             F[_P, _E] = -R * dt_s
+            F[_B, _D] = dt_s
             Q[_P] = (config.velocity_sigma_m_s * dt_s) ** 2
-            wander = (
-                config.velocity_bias_m_s**2 + (config.velocity_scale_sigma * velocity_body) ** 2
-            )
             keep = np.exp(-dt_s / config.velocity_bias_tau_s)
             self._x[_E] *= keep
             F[_E, _E] = keep * np.eye(3)
-            Q[_E] = (1.0 - keep**2) * wander
+            Q[_E] = (1.0 - keep**2) * config.velocity_bias_m_s**2
         keep = np.exp(-dt_s / config.box_bias_tau_s)
         self._x[_O] *= keep
         F[_O, _O] = keep * np.eye(3)
@@ -241,17 +176,27 @@ class PoseFilter:
 
     # Correction -----------------------------------------------------------------------------
 
-    def _correct_height(self, t: Telemetry) -> None:
+    def _correct_height(self, last: Telemetry, t: Telemetry) -> None:
         config = self._config
         H = np.zeros((1, _SIZE))
         H[0, 2] = 1.0
-        above_start = config.start_height_m + t.height_m - self._x[2]
-        self._correct(np.array([above_start]), H, np.array([config.height_sigma_m**2]))
+        step_m = t.height_m - last.height_m
+        if step_m != 0.0:
+            between_m = t.height_m - (step_m / 2.0 if abs(step_m) < _HEIGHT_STEP_M else 0.0)
+            above_start = config.start_height_m + between_m - self._x[2]
+            self._correct(np.array([above_start]), H, np.array([config.height_sigma_m**2]))
         if t.tof_m is not None:
-            above_floor = config.tof_offset_m + t.tof_m - self._x[2]
+            H[0, _F] = 1.0
+            above_floor = config.tof_offset_m + t.tof_m - self._x[2] - self._x[_F]
             self._correct(np.array([above_floor]), H, np.array([config.tof_sigma_m**2]))
 
-    def observe_box(self, box: Box, at_s: float, target: TargetEstimate | None = None) -> bool:
+    def observe_box(
+        self,
+        box: Box,
+        at_s: float,
+        target: TargetEstimate | None = None,
+        seed: SeedGeometry | None = None,
+    ) -> bool:
         """Correct pose and object by a box seen at ``at_s``; return False when it was refused.
 
         Args:
@@ -259,12 +204,13 @@ class PoseFilter:
             at_s: When its picture was taken.
             target: What the *other* drones know of the object
                 (``TargetEstimator.estimate(excluding=drone_id)``), None to keep the last.
+            seed: The object's geometry, None while it is not known.
         """
         if target is not None:
             self._others = self._likelihood_of_others(target)
         if self._telemetry is None or (self._box_at_s is not None and at_s <= self._box_at_s):
             return False
-        predicted = self._predict_box(at_s)
+        predicted = self._predict_box(at_s, seed)
         if predicted is None:
             return False
         expected, H = predicted
@@ -300,22 +246,24 @@ class PoseFilter:
         )
         return np.array([tangents[2, 0], tangents[2, 1], np.log(height)]), variances
 
-    def _predict_box(self, at_s: float) -> tuple[Array, Array] | None:
-        """Return the expected measurement ``(3,)`` and Jacobian ``(3, 14)``; None if behind."""
+    def _predict_box(self, at_s: float, seed: SeedGeometry | None) -> tuple[Array, Array] | None:
+        """Return the expected measurement ``(3,)`` and Jacobian ``(3, 17)``; None if behind."""
         position, R_world_cam = self._pose_at(at_s, self._x)
         R_cam_world = R_world_cam.T
-        offset = self._x[10:13] - position
+        offset = self._x[13:16] - position
         x, y, z = R_cam_world @ offset
         if z < 0.1:
             return None
-        expected = np.array([x / z, y / z, self._x[13] - np.log(z)]) + self._x[_O]
+        expected = np.array([x / z, y / z, self._x[16] - np.log(z)]) + self._x[_O]
+        if seed is not None:
+            expected += view_dependence(seed, -offset)
         by_point = np.array([[1.0, 0.0, -x / z], [0.0, 1.0, -y / z], [0.0, 0.0, -1.0]]) / z
         H = np.zeros((3, _SIZE))
-        H[:, 10:13] = by_point @ R_cam_world
-        H[:, _P] = -H[:, 10:13]
+        H[:, 13:16] = by_point @ R_cam_world
+        H[:, _P] = -H[:, 13:16]
         H[:, _B] = -by_point @ R_cam_world @ np.cross(_UP, offset)
         H[:, _O] = np.eye(3)
-        H[2, 13] = 1.0
+        H[2, 16] = 1.0
         return expected, H
 
     def _correct(self, innovation: Array, H: Array, variances: Array) -> bool:
@@ -335,7 +283,7 @@ class PoseFilter:
 
     def target_belief(self) -> TargetEstimate:
         """Return what this drone alone knows of the object."""
-        return _estimate_from(self._x[_T], self._cov[_T, _T].copy())
+        return estimate_from(self._x[_T], self._cov[_T, _T].copy())
 
     def pose(self, now_s: float) -> CameraPose:
         """Return the believed camera pose at ``now_s``, with what the other drones know used."""
@@ -343,8 +291,11 @@ class PoseFilter:
         position, R_world_cam = self._pose_at(now_s, x)
         dt_s = self._offset_s(now_s)
         covariance = cov[:4, :4].copy()
+        velocity = self.velocity()
         drift = (self._config.velocity_sigma_m_s * dt_s) ** 2
-        covariance[np.arange(3), np.arange(3)] += drift
+        covariance[:3, :3] += drift * np.eye(3)
+        # What it reports lags behind, so it is ahead along its way, by nobody knows how much.
+        covariance[:3, :3] += self._config.velocity_lag_s**2 * np.outer(velocity, velocity)
         covariance[3, 3] += self._config.yaw_sigma_rad**2
         return CameraPose(self.drone_id, now_s, transform_from(R_world_cam, position), covariance)
 
@@ -354,7 +305,7 @@ class PoseFilter:
         if t is None or _rests(t):
             return np.zeros(3)
         x, _ = self._conditioned()
-        return rotation_z(x[_B] + t.yaw_rad) @ (t.velocity_m_s - x[_E])
+        return rotation_z(x[_B] + t.yaw_rad) @ ((1.0 - x[_S]) * t.velocity_m_s - x[_E])
 
     def _offset_s(self, at_s: float) -> float:
         limit = self._config.max_extrapolation_s
@@ -371,8 +322,9 @@ class PoseFilter:
         else:
             dt_s = self._offset_s(at_s)
             yaw = x[_B] + t.yaw_rad + self._yaw_rate_rad_s * dt_s
-            pitch, roll = (t.pitch_rad, t.roll_rad) if self._config.use_attitude else (0.0, 0.0)
-            velocity = np.zeros(3) if _rests(t) else t.velocity_m_s - x[_E]
+            share = self._config.attitude_share
+            pitch, roll = share * t.pitch_rad, share * t.roll_rad
+            velocity = np.zeros(3) if _rests(t) else (1.0 - x[_S]) * t.velocity_m_s - x[_E]
             position = x[_P] + rotation_z(yaw) @ velocity * dt_s
         # Nose up and right side down are positive; turning about left lowers the nose.
         return position, rotation_zyx(yaw, -pitch, roll) @ self._R_body_cam

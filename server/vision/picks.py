@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
 from server.stages import CameraPose, SeedGeometry
-from server.vision.localization import TargetEstimate
+from server.vision.target import TargetEstimate
 
 Array = NDArray[np.float64]
 

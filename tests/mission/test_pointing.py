@@ -34,8 +34,8 @@ from server.stages import Box, CameraPose, Frame, Region, SeedGeometry, View
 from server.swarm.config import SafetyConfig
 from server.swarm.drone import Drone
 from server.vision.config import VisionConfig
-from server.vision.localization import TargetEstimate, prior_target
 from server.vision.region import RegionPrior
+from server.vision.target import TargetEstimate, prior_target
 
 Array = NDArray[np.float64]
 

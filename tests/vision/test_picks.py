@@ -13,9 +13,9 @@ from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
 from server.stages import CameraPose, SeedGeometry
 from server.vision.config import LocalizationConfig
-from server.vision.localization import TargetEstimate, prior_target
 from server.vision.parts import drawn_part
 from server.vision.picks import Pick, box_around, expected_size, picked_target, shows
+from server.vision.target import TargetEstimate, prior_target
 
 Array = NDArray[np.float64]
 CAMERA = TELLO_INTRINSICS

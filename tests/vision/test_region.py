@@ -16,8 +16,8 @@ from server.vision.box import box_from_region
 from server.vision.config import RegionConfig
 from server.vision.expectation import expected_region
 from server.vision.ground import Ground
-from server.vision.localization import TargetEstimate
 from server.vision.region import RegionPrior, RegionTracker, find_region
+from server.vision.target import TargetEstimate
 
 SCENES = ["human", "guitar", "robot_dog", "recycle_bin"]
 TARGET = TargetEstimate(np.array([0.0, 0.0, 0.45]), 0.8, np.diag([0.1, 0.1, 0.2, 0.7]) ** 2)
