@@ -108,6 +108,7 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
                 iterations=progress.iterations,
                 temperature=progress.temperature,
                 fitness=progress.fitness,
+                viewpoints=[_place(view) for view in progress.best],
             )
 
     placement, assignment = plan_mission(

@@ -18,6 +18,7 @@ from scipy.optimize import linear_sum_assignment
 
 from server.planner.config import FlightSpace
 from server.planner.errors import PlanError
+from server.planner.no_go import intrusion, space_about
 from server.planner.paths import arc_length, arc_points, cylindrical, separation
 from server.stages import Assignment, CameraPose, Viewpoint
 
@@ -58,9 +59,11 @@ def assign(
     drone_ids = list(drone_poses)
     starts = cylindrical(np.array([drone_poses[d].position_world for d in drone_ids]), centre_world)
     places = cylindrical(np.array([v.position_world for v in viewpoints]), centre_world)
-    plan = _best_sectors(places, starts, space)
-    plan = _exchange_conflicts(plan, places, starts, space)
+    local = space_about(centre_world, space)
+    plan = _best_sectors(places, starts, local)
+    plan = _exchange_conflicts(plan, places, starts, local)
     places = _push_apart(plan, places, centre_world, space)
+    _refuse_ways_through_no_go(plan, places, starts, local)
     rounds = []
     for row in plan:
         views = {}
@@ -113,6 +116,20 @@ def _best_sectors(places: Array, starts: Array, space: FlightSpace) -> Plan:
     return best
 
 
+def _ways(stops: Array) -> Array:
+    """Return points ``(steps, rounds, drones, 3)`` on the ways, about the object's vertical."""
+    return arc_points(stops[:-1], stops[1:], _ARC_STEPS)
+
+
+def _refuse_ways_through_no_go(
+    plan: Plan, places: Array, starts: Array, space: FlightSpace
+) -> None:
+    points = _ways(_positions_by_round(plan, places, starts))
+    # Whoever starts inside must be allowed to leave: of the first way only the end counts.
+    if intrusion(points[:, 1:], space).any() or intrusion(points[-1, 0], space).any():
+        raise PlanError("no order of the viewpoints keeps every way out of the no-go volumes")
+
+
 def _travel(start: Array, stops: Array) -> float:
     """Return the length of the way from ``start`` ``(3,)`` through ``stops`` ``(n, 3)``."""
     way = np.concatenate([start[None], stops])
@@ -129,17 +146,20 @@ def _positions_by_round(plan: Plan, places: Array, starts: Array) -> Array:
 
 
 def _conflict(plan: Plan, places: Array, starts: Array, space: FlightSpace) -> float:
-    """Return the metres of separation that are missing, in all rounds and on the ways to them."""
+    """Return the metres of separation that are missing, in all rounds and on the ways to them.
+
+    Ways through no-go volumes count like missing separation; ``space`` has them about the object.
+    """
     drones = len(starts)
+    points = _ways(_positions_by_round(plan, places, starts))
+    entered = float(intrusion(points, space).max(axis=0).sum()) if space.no_go else 0.0
     if drones < 2:
-        return 0.0
-    stops = _positions_by_round(plan, places, starts)
-    points = arc_points(stops[:-1], stops[1:], _ARC_STEPS)  # (steps, rounds, drones, 3)
+        return entered
     first, second = np.triu_indices(drones, 1)
     apart = separation(points[:, :, first], points[:, :, second], space.downwash_factor)
     # Drones that start too close are not the plan's fault: of the first way only the end counts.
     apart[:-1, 0] = np.maximum(apart[:-1, 0], space.separation_m)
-    return float(np.maximum(0.0, space.separation_m - apart).max(axis=0).sum())
+    return entered + float(np.maximum(0.0, space.separation_m - apart).max(axis=0).sum())
 
 
 def _exchange_conflicts(plan: Plan, places: Array, starts: Array, space: FlightSpace) -> Plan:

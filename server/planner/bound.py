@@ -15,10 +15,12 @@ by none. The sum bounds the whole fitness, less tightly than the linear terms.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
-from scipy.optimize import linprog
+from scipy.optimize import Bounds, LinearConstraint, linprog, milp
 
 from server.planner.errors import PlanError
 from server.planner.fitness import (
@@ -69,18 +71,98 @@ def upper_bound(problem: FitnessProblem, views: int) -> UpperBound:
     Raises:
         PlanError: If there are fewer candidates than views, or the solver fails.
     """
-    config = problem.config
-    everything = np.arange(len(problem.candidates))
     linear = _linear_bound(problem, views)
-    rest = (
-        config.weight_detail * detail(problem, everything)
-        + config.weight_spread * spread(problem, everything)
-        + config.weight_baseline
-    ) / total_weight(config)
-    return UpperBound(linear, linear + rest)
+    return UpperBound(linear, linear + _rest_bound(problem))
 
 
-def _linear_bound(problem: FitnessProblem, views: int) -> float:
+def proven_optimum(problem: FitnessProblem, views: int, seconds: float) -> UpperBound:
+    """Bound like ``upper_bound``, with whole candidates: the linear terms' optimum itself.
+
+    Branch and bound needs time; after ``seconds`` its bound so far is returned, which lies between
+    the optimum and the linear program's.
+
+    Raises:
+        PlanError: If there are fewer candidates than views, or the solver finds no bound.
+    """
+    program = _linear_program(problem, views)
+    whole = np.zeros(len(program.cost))
+    whole[: len(problem.candidates)] = 1.0
+    solved = milp(
+        program.cost,
+        integrality=whole,
+        bounds=Bounds(0.0, 1.0),
+        constraints=[
+            LinearConstraint(program.rows, -np.inf, 0.0),
+            LinearConstraint(program.total, views, views),
+        ],
+        options={"time_limit": seconds},
+    )
+    if solved.mip_dual_bound is None or not np.isfinite(solved.mip_dual_bound):
+        raise PlanError(f"the bound's integer program failed: {solved.message}")
+    linear = float(-solved.mip_dual_bound)
+    return UpperBound(linear, linear + _rest_bound(problem))
+
+
+def submodular_bound(problem: FitnessProblem, chosen: Chosen, views: int) -> UpperBound:
+    """Bound the fitness from one choice alone, without a program: F(O) + the K greatest gains.
+
+    For monotone submodular F no set of K exceeds F(S) + sum over the K greatest F(S + c) - F(S)
+    (Nemhauser, Wolsey and Fisher 1978); of several S, here the choice and its beginnings down to
+    none, the least counts. Linear terms, detail and spread are of that kind and are bounded
+    together in ``fitness``; baseline is bounded by 1 and overlap by none. Needs memory for one
+    ``(D, S)`` array alone, where the linear program outgrows it.
+    """
+    linear = _submodular(problem, chosen, views, best_views=False)
+    both = _submodular(problem, chosen, views, best_views=True)
+    config = problem.config
+    return UpperBound(linear, both + config.weight_baseline / total_weight(config))
+
+
+def _submodular(problem: FitnessProblem, chosen: Chosen, views: int, *, best_views: bool) -> float:
+    config, scale = problem.config, 1.0 / total_weight(problem.config)
+    worth = view_worth(config, max(views, 1))
+    weight = scale * (
+        config.weight_visibility * problem.area_share
+        + config.weight_priority * problem.priority_share
+    )
+    single = scale * config.weight_agreement / views * problem.agreement
+    seen, value = np.zeros(len(weight)), 0.0
+    parts = [(problem.detail, scale * config.weight_detail * problem.area_share)]
+    directions = problem.spread.shape[1]
+    parts.append((problem.spread, np.full(directions, scale * config.weight_spread / directions)))
+    parts = [part for part in parts if best_views and part[1].any()]
+    tops = [np.zeros(len(shares)) for _, shares in parts]
+    least = np.inf
+    for step in range(len(chosen) + 1):
+        reached = np.interp(seen, range(len(worth)), worth)
+        gains = single.copy()
+        for row in range(len(gains)):
+            after = np.interp(seen + problem.quality[row], range(len(worth)), worth)
+            gains[row] += weight @ (after - reached)
+        for (terms, shares), top in zip(parts, tops, strict=True):
+            gains += np.maximum(terms - top, 0.0) @ shares
+        least = min(least, value + float(np.sort(gains)[-views:].sum()))
+        if step < len(chosen):
+            value += float(gains[chosen[step]])
+            seen += problem.quality[chosen[step]]
+            for (terms, _), top in zip(parts, tops, strict=True):
+                np.maximum(top, terms[chosen[step]], out=top)
+    return least
+
+
+class _Program(NamedTuple):
+    """min cost x with rows x <= 0, total x = K, 0 <= x <= 1.
+
+    x holds x_c of the candidates, then u_si of the ``seen`` samples.
+    """
+
+    cost: NDArray[np.float64]
+    rows: sparse.csr_array
+    total: sparse.csr_array
+    seen: int
+
+
+def _linear_program(problem: FitnessProblem, views: int) -> _Program:
     config, scale = problem.config, 1.0 / total_weight(problem.config)
     count = len(problem.candidates)
     if views > count:
@@ -101,13 +183,18 @@ def _linear_bound(problem: FitnessProblem, views: int) -> float:
         ]
     )
     counted = sparse.kron(sparse.eye_array(len(weight)), np.ones((1, len(increments))))
-    rows = sparse.hstack([-sparse.csr_array(quality), counted], format="csr")
+    rows = sparse.csr_array(sparse.hstack([-sparse.csr_array(quality), counted]))
     total = sparse.csr_array(np.concatenate([np.ones(count), np.zeros(len(cost) - count)])[None, :])
+    return _Program(cost, rows, total, len(weight))
+
+
+def _linear_bound(problem: FitnessProblem, views: int) -> float:
+    program = _linear_program(problem, views)
     solved = linprog(
-        cost,
-        A_ub=rows,
-        b_ub=np.zeros(len(weight)),
-        A_eq=total,
+        program.cost,
+        A_ub=program.rows,
+        b_ub=np.zeros(program.seen),
+        A_eq=program.total,
         b_eq=[views],
         bounds=(0.0, 1.0),
         method="highs",
@@ -115,3 +202,56 @@ def _linear_bound(problem: FitnessProblem, views: int) -> float:
     if not solved.success:
         raise PlanError(f"the bound's linear program failed: {solved.message}")
     return float(-solved.fun)
+
+
+def _rest_bound(problem: FitnessProblem) -> float:
+    """Bound the terms that are not linear: by what all candidates reach together, and by 1."""
+    config, everything = problem.config, np.arange(len(problem.candidates))
+    rest = (
+        config.weight_detail * detail(problem, everything)
+        + config.weight_spread * spread(problem, everything)
+        + config.weight_baseline
+    )
+    return rest / total_weight(config)
+
+
+@dataclass(frozen=True, slots=True)
+class EnoughViews:
+    """How many pictures see a share of the surface that can be seen at all.
+
+    Attributes:
+        sufficient: Least number with which a plan was found, None up to the most asked for.
+        needed: Fewer than this cannot be enough, whatever the plan; None: not even the most are.
+        reached: Share seen with 1, 2, ... views by the plans found.
+    """
+
+    sufficient: int | None
+    needed: int | None
+    reached: tuple[float, ...]
+
+
+def views_enough(problem: FitnessProblem, share: float, most: int) -> EnoughViews:
+    """Answer "how many pictures are enough to see ``share`` of the surface?", 0 < share <= 1.
+
+    Greedy choice gives the plans. K views see no more than the K best single views together, nor
+    than greedy's share plus the K greatest gains (``submodular_bound``); where that stays below
+    ``share``, K is proven too few.
+    """
+    most = min(most, len(problem.candidates))
+    visible = problem.table.visible
+    seen = np.zeros(visible.shape[1], bool)
+    reached: list[float] = []
+    bounds = np.full(most, np.inf)
+    for step in range(most + 1):
+        value = float(problem.area_share @ seen)
+        gains = np.sort((visible & ~seen) @ problem.area_share)[::-1]
+        bounds = np.minimum(bounds, value + np.cumsum(gains[:most]))
+        if step > 0:
+            reached.append(value)
+        seen |= visible[int(((visible & ~seen) @ problem.area_share).argmax())]
+    # Sums of shares end a rounding error below one.
+    enough = [k + 1 for k, value in enumerate(reached) if value >= share - 1e-9]
+    possible = [k + 1 for k, bound in enumerate(bounds) if bound >= share - 1e-9]
+    return EnoughViews(
+        enough[0] if enough else None, possible[0] if possible else None, tuple(reached)
+    )

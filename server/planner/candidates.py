@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.planner.config import CandidateConfig, PlannerConfig
+from server.planner.config import CandidateConfig, FlightSpace, PlannerConfig
 from server.planner.errors import PlanError
+from server.planner.no_go import intrusion
 from server.planner.ring import facing
 from server.planner.surfaces import segments_blocked
 from server.stages import SeedGeometry, Viewpoint
@@ -37,7 +38,8 @@ def generate_candidates(
     """Return the feasible poses around ``seed``, all facing its centre.
 
     A pose is feasible when the whole object is in the picture (with a margin; where in the picture
-    does not matter), the fence, floor, ceiling and standoff are kept and no obstacle is between.
+    does not matter), the fence, floor, ceiling, standoff and no-go volumes are kept and no
+    obstacle is between.
 
     Args:
         seed: The object.
@@ -86,6 +88,7 @@ def _feasible(
 ) -> tuple[Viewpoint, ...]:
     space, shells = config.space, config.candidates
     centre = seed.outer.centre
+    _refuse_too_large(seed.outer, space)
     highest_m = min(space.ceiling_m, float(seed.outer.upper[2]) + shells.above_m)
     azimuth, height, factor = (
         grid.ravel()
@@ -113,6 +116,8 @@ def _feasible(
     _say_if_empty(
         kept, f"the whole object is in view only outside the fence ({space.fence_radius_m:.2f} m)"
     )
+    kept &= intrusion(positions, space) <= 0.0
+    _say_if_empty(kept, "the no-go volumes leave no place from which the whole object is in view")
     # The shells were found without lens distortion; the real camera has the last word.
     kept[kept] = whole_in_view(
         seed.outer, positions[kept], yaws[kept], intrinsics, tilt_rad, shells.margin * 0.5
@@ -126,6 +131,16 @@ def _feasible(
         kept &= ~segments_blocked(positions, np.broadcast_to(point, positions.shape), obstacles)
     _say_if_empty(kept, "obstacles block every line of sight")
     return tuple(view for view, keep in zip(views, kept, strict=True) if keep)
+
+
+def _refuse_too_large(target: Box3, space: FlightSpace) -> None:
+    """Raise PlanError when nobody can stand beside ``target`` anywhere inside the fence."""
+    reach = float(np.hypot(*np.maximum(np.abs(target.lower[:2]), np.abs(target.upper[:2]))))
+    if reach > space.fence_radius_m:
+        raise PlanError(
+            f"no place for a picture: the object is larger than the fence; it reaches {reach:.2f} m"
+            f" from the middle, the fence {space.fence_radius_m:.2f} m"
+        )
 
 
 def _say_if_empty(kept: NDArray[np.bool_], constraint: str) -> None:

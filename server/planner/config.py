@@ -25,6 +25,9 @@ class FlightSpace:
         standoff_m: Least horizontal distance to the object's outer box; nobody flies above it.
         separation_m: Least distance between viewpoints occupied at the same time.
         downwash_factor: How many times the separation two drones keep when one is above the other.
+        no_go: Volumes that no drone may enter, each as the x, y, z of its lower and then of its
+            upper corner, world metres. They do not hide the object.
+        no_go_clearance_m: Distance that planned poses and ways keep from them.
     """
 
     fence_radius_m: float = 4.0
@@ -33,6 +36,8 @@ class FlightSpace:
     standoff_m: float = 0.9
     separation_m: float = 1.0
     downwash_factor: float = 2.0
+    no_go: tuple[tuple[float, float, float, float, float, float], ...] = ()
+    no_go_clearance_m: float = 0.3
 
     def __post_init__(self) -> None:
         _require(self.fence_radius_m > 0, "fence_radius_m", "positive")
@@ -41,6 +46,11 @@ class FlightSpace:
         _require(self.standoff_m > 0, "standoff_m", "positive")
         _require(self.separation_m > 0, "separation_m", "positive")
         _require(self.downwash_factor >= 1, "downwash_factor", "at least 1")
+        _require(self.no_go_clearance_m >= 0, "no_go_clearance_m", "at least 0")
+        for corners in self.no_go:
+            finite = len(corners) == 6 and all(map(math.isfinite, corners))
+            upright = finite and all(corners[axis] <= corners[axis + 3] for axis in range(3))
+            _require(upright, "no_go", "boxes of six finite numbers, lower corner first")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +87,7 @@ class CandidateConfig:
     heights: int = 7
     azimuths: int = 48
     minimum: int = 600
-    margin: float = 0.07
+    margin: float = 0.05
 
     def __post_init__(self) -> None:
         _require(len(self.radius_factors) > 0, "radius_factors", "non-empty")
@@ -96,10 +106,13 @@ class FitnessConfig:
         samples: Wanted number of surface samples.
         incidence_max_rad: A surface seen more obliquely than this does not count as seen.
         views_wanted: Views of a sample after which another one adds no visibility (of many views).
+        pictures_per_view: K pictures ask for K over this many views of a sample, at least one.
         view_decay: Worth of each further view of a sample relative to the one before, in (0, 1].
         sharp_share: Share of the sharpest possible view's pixel density at which a view counts
             fully as one, in (0, 1].
         detail_px_per_m2: Density of pixels at which detail begins to saturate.
+        normal_doubt: How little a box's face says about the slope of the surface inside, from 0
+            (all) to 1 (nothing); detail's cosine moves by this share to its mean, one half.
         spread_rad: Angle to the nearest view at which a direction counts as not viewed.
         overlap_rad: Views closer than this, seen from the object, overlap more than needed.
         baseline_low_rad: Smallest good angle to the neighbouring view.
@@ -119,9 +132,11 @@ class FitnessConfig:
     samples: int = 800
     incidence_max_rad: float = math.radians(75.0)
     views_wanted: int = 3
+    pictures_per_view: float = 8.0
     view_decay: float = 0.6
     sharp_share: float = 0.5
     detail_px_per_m2: float = 2e4
+    normal_doubt: float = 0.2
     spread_rad: float = math.radians(60.0)
     overlap_rad: float = math.radians(12.0)
     baseline_low_rad: float = math.radians(10.0)
@@ -129,13 +144,13 @@ class FitnessConfig:
     position_sigma_m: float = 0.08
     yaw_sigma_rad: float = math.radians(2.0)
     tau_px: float = 60.0
-    weight_agreement: float = 0.10
-    weight_visibility: float = 0.25
-    weight_detail: float = 0.25
+    weight_agreement: float = 0.05
+    weight_visibility: float = 0.30
+    weight_detail: float = 0.30
     weight_priority: float = 0.10
-    weight_spread: float = 0.20
+    weight_spread: float = 0.15
     weight_baseline: float = 0.10
-    weight_overlap: float = 0.10
+    weight_overlap: float = 0.05
 
     def __post_init__(self) -> None:
         _require(self.samples >= 50, "samples", "at least 50")
@@ -143,7 +158,15 @@ class FitnessConfig:
         _require(self.views_wanted >= 1, "views_wanted", "at least 1")
         _require(0 < self.view_decay <= 1, "view_decay", "in (0, 1]")
         _require(0 < self.sharp_share <= 1, "sharp_share", "in (0, 1]")
-        for name in ("detail_px_per_m2", "spread_rad", "overlap_rad", "baseline_low_rad", "tau_px"):
+        _require(0 <= self.normal_doubt <= 1, "normal_doubt", "in [0, 1]")
+        for name in (
+            "pictures_per_view",
+            "detail_px_per_m2",
+            "spread_rad",
+            "overlap_rad",
+            "baseline_low_rad",
+            "tau_px",
+        ):
             _require(getattr(self, name) > 0, name, "positive")
         _require(
             self.baseline_high_rad > self.baseline_low_rad,
@@ -164,8 +187,12 @@ class AnnealingConfig:
 
     Attributes:
         swaps: Proposed moves in all.
+        restarts: Annealings from anywhere after the one from the greedy start, at most 4; each has
+            a fifth of the moves.
+        restart_heat: How many times hotter those begin.
         start_temperature: First temperature, as a share of the greedy start's fitness.
-        end_factor: Last temperature as a factor of the first.
+        end_factor: Last temperature as a factor of the first, of the annealing from the greedy
+            start; the others end as cool.
         adjust_share: Share of moves that go to a neighbouring candidate rather than to any.
         neighbours: How many nearest candidates count as neighbouring.
         report_every: Moves between two progress reports.
@@ -173,6 +200,8 @@ class AnnealingConfig:
     """
 
     swaps: int = 40_000
+    restarts: int = 2
+    restart_heat: float = 50.0
     start_temperature: float = 1e-3
     end_factor: float = 1e-3
     adjust_share: float = 0.5
@@ -182,6 +211,8 @@ class AnnealingConfig:
 
     def __post_init__(self) -> None:
         _require(self.swaps >= 0, "swaps", "at least 0")
+        _require(0 <= self.restarts <= 4, "restarts", "from 0 to 4")
+        _require(self.restart_heat >= 1, "restart_heat", "at least 1")
         _require(self.start_temperature > 0, "start_temperature", "positive")
         _require(0 < self.end_factor <= 1, "end_factor", "in (0, 1]")
         _require(0 <= self.adjust_share <= 1, "adjust_share", "in [0, 1]")
@@ -325,6 +356,9 @@ class PlannerConfig:
         annealing: How it is searched.
         tracking: Fine-tuning on the box.
         avoidance: Keeping apart.
+        policy: Which rule chooses: annealed, farthest or uncertain (``server.planner.policies``).
+        uncertainty_gain: How many times more than a sure patch a wholly unknown one counts, added
+            to one; for the policy uncertain.
     """
 
     space: FlightSpace = field(default_factory=FlightSpace)
@@ -334,8 +368,13 @@ class PlannerConfig:
     annealing: AnnealingConfig = field(default_factory=AnnealingConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
+    policy: str = "annealed"
+    uncertainty_gain: float = 4.0
 
     def __post_init__(self) -> None:
+        known = ("annealed", "farthest", "uncertain")
+        _require(self.policy in known, "policy", f"one of {', '.join(known)}")
+        _require(self.uncertainty_gain >= 0, "uncertainty_gain", "at least 0")
         widest = 2.0 * (self.avoidance.radius_m + self.avoidance.sigma_margin_max_m)
         # Else two drones could be sent to viewpoints that avoidance never lets them reach.
         _require(

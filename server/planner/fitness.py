@@ -13,7 +13,7 @@ best view; the other terms are the wishes that the paper's text adds to it, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +79,11 @@ def build_problem(
     tilt_rad: float,
     config: FitnessConfig,
     neighbours: int = 12,
+    weigh: Callable[[Array], Array] | None = None,
 ) -> FitnessProblem:
     """Sample the surface of ``seed``, cast the rays and prepare every term.
+
+    ``weigh`` tells for points ``(s, 3)`` how many times each counts, beside the operator's wishes.
 
     Raises:
         PlanError: If no candidate sees anything.
@@ -89,6 +92,8 @@ def build_problem(
     samples = sample_surface(boxes, config.samples)
     table = visibility_table(candidates, samples, boxes, intrinsics, tilt_rad, config)
     weights = patch_weights(samples, seed.priorities)
+    if weigh is not None:
+        weights = weights * weigh(samples.points)
     return problem_from_table(candidates, samples, table, config, neighbours, weights)
 
 
@@ -199,7 +204,7 @@ def view_worth(config: FitnessConfig, views: int) -> Array:
     K is small, because a view shows at most half of an object and few views must be spent on
     seeing all of it once. g is concave; between whole numbers it is linear.
     """
-    wanted = int(np.clip(round(views / 8), 1, config.views_wanted))
+    wanted = int(np.clip(round(views / config.pictures_per_view), 1, config.views_wanted))
     increments = config.view_decay ** np.arange(wanted)
     worth = np.concatenate([[0.0], np.cumsum(increments) / increments.sum()])
     return worth[np.minimum(np.arange(views + 1), wanted)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from server.planner.candidates import generate_candidates
 from server.planner.config import PlannerConfig
 from server.planner.fitness import build_problem
 from server.planner.placement import CancelCheck, ProgressReport, place
+from server.planner.policies import POLICIES, SurfaceUncertainty, uncertain_weights
 from server.stages import Assignment, CameraPose, Placement, SeedGeometry
 
 
@@ -25,6 +27,7 @@ def plan_mission(
     seed_value: int,
     on_progress: ProgressReport | None = None,
     cancelled: CancelCheck | None = None,
+    uncertainty: SurfaceUncertainty | None = None,
 ) -> tuple[Placement, Assignment]:
     """Choose K = drones x rounds viewpoints around ``seed`` and share them out.
 
@@ -38,6 +41,8 @@ def plan_mission(
         seed_value: Seed of the annealing; the same inputs and seed give the same plan.
         on_progress: Called every few thousand moves.
         cancelled: Asked as often; True ends the search with the best choice so far.
+        uncertainty: How little the field knows of the surface; the policy uncertain needs it and
+            without it anneals as if everything were known equally well.
 
     Returns:
         The placement, and which drone takes which of its viewpoints in which round. In the
@@ -50,8 +55,11 @@ def plan_mission(
     if not drone_poses or rounds < 1:
         raise ValueError("a mission plan needs at least one drone and one round")
     candidates = generate_candidates(seed, intrinsics, tilt_rad, config)
+    weigh = None
+    if config.policy == "uncertain" and uncertainty is not None:
+        weigh = partial(uncertain_weights, uncertainty=uncertainty, gain=config.uncertainty_gain)
     problem = build_problem(
-        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours
+        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours, weigh
     )
     placement = place(
         problem,
@@ -60,6 +68,7 @@ def plan_mission(
         np.random.default_rng(seed_value),
         on_progress,
         cancelled,
+        POLICIES[config.policy],
     )
     assignment = assign(placement.viewpoints, drone_poses, seed.outer.centre, config.space)
     return placement, assignment

@@ -13,7 +13,10 @@ from server.planner.bound import upper_bound
 from server.planner.config import AnnealingConfig
 from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem, evaluate
-from server.stages import Placement
+from server.stages import Placement, Viewpoint
+
+# A restart is a look elsewhere; most moves belong to the greedy start.
+_RESTART_SHARE = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +28,29 @@ class PlanProgress:
         iterations: Moves in all.
         temperature: Present temperature, in units of the fitness.
         fitness: Best fitness so far.
+        best: Best choice so far, viewpoints.
     """
 
     iteration: int
     iterations: int
     temperature: float
     fitness: float
+    best: tuple[Viewpoint, ...] = ()
 
 
 ProgressReport = Callable[[PlanProgress], None]
 CancelCheck = Callable[[], bool]
+ChoiceRule = Callable[
+    [
+        FitnessProblem,
+        int,
+        AnnealingConfig,
+        np.random.Generator,
+        ProgressReport | None,
+        CancelCheck | None,
+    ],
+    tuple[NDArray[np.intp], bool],
+]
 
 
 def place(
@@ -44,8 +60,9 @@ def place(
     rng: np.random.Generator,
     on_progress: ProgressReport | None = None,
     cancelled: CancelCheck | None = None,
+    rule: ChoiceRule | None = None,
 ) -> Placement:
-    """Choose ``k`` different candidates of ``problem``.
+    """Choose ``k`` different candidates of ``problem`` by ``rule``, None: by ``choose``.
 
     The same problem, ``k``, configuration and state of ``rng`` give the same placement. When
     ``cancelled`` returns True the best choice so far is returned, without an upper bound.
@@ -54,7 +71,7 @@ def place(
         ValueError: If ``k`` is less than 1.
         PlanError: If there are fewer than ``k`` candidates.
     """
-    chosen, stopped = choose(problem, k, config, rng, on_progress, cancelled)
+    chosen, stopped = (rule or choose)(problem, k, config, rng, on_progress, cancelled)
     fitness, terms = evaluate(problem, chosen, k)
     placement = Placement(
         viewpoints=tuple(problem.candidates[i] for i in chosen),
@@ -85,29 +102,49 @@ def choose(
     if count < k:
         raise PlanError(f"{k} viewpoints are wanted but only {count} candidates are feasible")
     arrays = search_arrays(problem, k)
-    current = greedy(arrays, k)
-    best = current.copy()
-    start = evaluate(problem, best, k)[0]
-    values = np.array([start, start])
-    temperature = config.start_temperature * max(start, 1e-9)
-    # No candidate can be exchanged when all are chosen.
-    swaps = config.swaps if count > k else 0
-    cooling = config.end_factor ** (1.0 / max(swaps, 1))
+    starts = _starts(arrays, k, config, rng)
+    best = starts[0].copy()
+    values = np.array([0.0, evaluate(problem, best.astype(np.intp), k)[0]])
     done = 0
-    while done < swaps:
-        if cancelled is not None and cancelled():
-            return best.astype(np.intp), True
-        batch = min(config.report_every, swaps - done)
-        slots, targets, chances = _draw_moves(arrays, k, batch, config, rng)
-        temperature = anneal(
-            arrays, current, best, values, temperature, cooling, slots, targets, chances
-        )
-        # Sums of tiny changes drift; each batch starts from the true value again.
+    for number, swaps in enumerate(_shares(config, spare=count > k)):
+        current, heat = starts[number], config.restart_heat if number > 0 else 1.0
         values[0] = evaluate(problem, current.astype(np.intp), k)[0]
-        done += batch
-        if on_progress is not None:
-            on_progress(PlanProgress(done, swaps, temperature, float(values[1])))
+        temperature = heat * config.start_temperature * max(values[0], 1e-9)
+        cooling = (config.end_factor / heat) ** (1.0 / max(swaps, 1))
+        end = done + swaps
+        while done < end:
+            if cancelled is not None and cancelled():
+                return best.astype(np.intp), True
+            batch = min(config.report_every, end - done)
+            slots, targets, chances = _draw_moves(arrays, k, batch, config, rng)
+            temperature = anneal(
+                arrays, current, best, values, temperature, cooling, slots, targets, chances
+            )
+            # Sums of tiny changes drift; each batch starts from the true value again.
+            values[0] = evaluate(problem, current.astype(np.intp), k)[0]
+            done += batch
+            if on_progress is not None:
+                views = tuple(problem.candidates[i] for i in best)
+                fitness = float(values[1])
+                on_progress(PlanProgress(done, config.swaps, temperature, fitness, views))
     return best.astype(np.intp), False
+
+
+def _starts(
+    arrays: SearchArrays, k: int, config: AnnealingConfig, rng: np.random.Generator
+) -> list[NDArray[np.int64]]:
+    """Return where each annealing starts: the first greedily, the others anywhere."""
+    count = len(arrays.quality)
+    anywhere = [rng.choice(count, k, replace=False) for _ in range(config.restarts)]
+    return [greedy(arrays, k), *(start.astype(np.int64) for start in anywhere)]
+
+
+def _shares(config: AnnealingConfig, *, spare: bool) -> list[int]:
+    """Return the moves of each annealing; none when there is no ``spare`` candidate to swap in."""
+    if not spare:
+        return [0] * (config.restarts + 1)
+    each = int(config.swaps * _RESTART_SHARE)
+    return [config.swaps - each * config.restarts, *[each] * config.restarts]
 
 
 def _draw_moves(

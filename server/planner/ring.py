@@ -18,6 +18,7 @@ from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.planner.config import PlannerConfig
 from server.planner.errors import PlanError
+from server.planner.no_go import intrusion
 from server.stages import Assignment, Viewpoint
 
 Array = NDArray[np.float64]
@@ -123,9 +124,13 @@ def _ring(
     azimuths = slots[None, :] + step * np.arange(rounds)[:, None]
     radius = _ring_radius(target, drones, intrinsics, tilt_rad, config)
     height = _ring_height(target, radius, tilt_rad, config)
-    return tuple(
+    views = tuple(
         tuple(facing(target.centre, float(a), radius, height) for a in row) for row in azimuths
     )
+    places = np.array([view.position_world for row in views for view in row])
+    if intrusion(places, config.space).any():
+        raise PlanError("the ring does not fit: it passes through a no-go volume")
+    return views
 
 
 def _slots(start_azimuths: Sequence[float], drones: int) -> Array:

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 # Sight lines end this far in front of a sample, so that its own face does not block it.
 OFF_SURFACE_M = 1e-4
+# Of normals that are spread evenly over the half-space towards the camera.
+_MEAN_COSINE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +98,8 @@ def visibility_table(
     detail, agreement = np.zeros(shape), np.zeros(shape)
     cells = (pairs.row, pairs.column)
     visible[cells] = True
-    detail[cells] = pairs.cosine * intrinsics.fx * intrinsics.fy / pairs.distance**2
+    cosine = (1.0 - config.normal_doubt) * pairs.cosine + config.normal_doubt * _MEAN_COSINE
+    detail[cells] = cosine * intrinsics.fx * intrinsics.fy / pairs.distance**2
     points = samples.points[pairs.column]
     agreement[cells] = _agreement(positions, yaws, pairs.row, points, intrinsics, tilt_rad, config)
     return VisibilityTable(visible, detail, agreement)

@@ -110,7 +110,9 @@ def test_detail_is_the_formula(dog_problem: FitnessProblem) -> None:
     line = dog_problem.candidates[c].position_world - dog_problem.samples.points[s]
     distance = np.linalg.norm(line)
     cosine = line @ dog_problem.samples.normals[s] / distance
-    assert dog_problem.table.detail_px_per_m2[c, s] == pytest.approx(cosine * (921 / distance) ** 2)
+    doubt = dog_problem.config.normal_doubt
+    expected = ((1.0 - doubt) * cosine + doubt / 2.0) * (921 / distance) ** 2
+    assert dog_problem.table.detail_px_per_m2[c, s] == pytest.approx(expected)
 
 
 def test_more_views_of_a_sample_are_worth_less_and_less() -> None:

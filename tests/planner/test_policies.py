@@ -1,0 +1,84 @@
+"""The rules that choose viewpoints, behind one signature."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from planner_objects import pose_at
+
+from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.planner.config import AnnealingConfig, FitnessConfig, PlannerConfig
+from server.planner.errors import PlanError
+from server.planner.fitness import FitnessProblem
+from server.planner.mission_plan import plan_mission
+from server.planner.policies import (
+    POLICIES,
+    SurfaceUncertainty,
+    choose_farthest,
+    uncertain_weights,
+)
+from server.stages import SeedGeometry
+
+CONFIG = AnnealingConfig(swaps=500)
+SMALL = PlannerConfig(
+    annealing=AnnealingConfig(swaps=2000, prove=False), fitness=FitnessConfig(samples=300)
+)
+
+
+@pytest.mark.parametrize("name", sorted(POLICIES))
+def test_every_policy_chooses_different_candidates_repeatably(
+    name: str, dog_problem: FitnessProblem
+) -> None:
+    chosen, stopped = POLICIES[name](dog_problem, 6, CONFIG, np.random.default_rng(1))
+    again, _ = POLICIES[name](dog_problem, 6, CONFIG, np.random.default_rng(1))
+    assert not stopped
+    assert len(set(chosen.tolist())) == 6
+    np.testing.assert_array_equal(chosen, again)
+
+
+def test_farthest_views_are_farther_apart_than_random_ones(dog_problem: FitnessProblem) -> None:
+    def least_rad(chosen: np.ndarray) -> float:
+        angles = dog_problem.angles_rad[np.ix_(chosen, chosen)]
+        return float(angles[np.triu_indices(len(chosen), 1)].min())
+
+    rng = np.random.default_rng(0)
+    chosen, _ = choose_farthest(dog_problem, 8, CONFIG, rng)
+    draws = [rng.choice(len(dog_problem.candidates), 8, replace=False) for _ in range(50)]
+    assert least_rad(chosen) > max(least_rad(draw) for draw in draws)
+
+
+def test_farthest_refuses_what_cannot_be(dog_problem: FitnessProblem) -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match="at least one"):
+        choose_farthest(dog_problem, 0, CONFIG, rng)
+    with pytest.raises(PlanError, match="feasible"):
+        choose_farthest(dog_problem, len(dog_problem.candidates) + 1, CONFIG, rng)
+
+
+def test_what_the_field_does_not_know_draws_the_views(dog: SeedGeometry) -> None:
+    poses = {"d0": pose_at("d0", 2.0, 0.0, 1.0)}
+    config = dataclasses.replace(SMALL, policy="uncertain", uncertainty_gain=30.0)
+
+    def mean_x(uncertainty: SurfaceUncertainty | None) -> float:
+        placement, _ = plan_mission(
+            dog, TELLO_INTRINSICS, TELLO_TILT_RAD, poses, 3, config, 0, uncertainty=uncertainty
+        )
+        return float(np.mean([view.position_world[0] for view in placement.viewpoints]))
+
+    west = mean_x(lambda points: (points[:, 0] < 0.0).astype(float))
+    east = mean_x(lambda points: (points[:, 0] >= 0.0).astype(float))
+    assert west < east - 0.05
+
+
+def test_a_field_that_answers_nonsense_is_refused() -> None:
+    points = np.zeros((4, 3))
+    for answer in (np.zeros(3), np.full(4, 1.5), np.full(4, np.nan)):
+        with pytest.raises(ValueError, match="uncertainty"):
+            uncertain_weights(points, lambda _, answer=answer: answer, 1.0)
+
+
+def test_an_unknown_policy_is_refused() -> None:
+    with pytest.raises(ValueError, match="policy"):
+        PlannerConfig(policy="luck")
