@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _MODELS = {"OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"}
 _SUFFIXES = ("", ".png", ".jpg", ".jpeg")
 _TRANSFORMS = "transforms.json"
+# Cameras closer together than this are at one point.
+_SAME_PLACE_M = 1e-6
 
 
 class DatasetError(ValueError):
@@ -68,11 +70,13 @@ class PosedFile:
         file: Picture, relative to the dataset's folder.
         T_world_cam: ``(4, 4)`` OpenCV camera to world, metres.
         mask_file: Mask picture (white is object), relative to the folder, or None.
+        intrinsics: Its own camera, None for the one of all.
     """
 
     file: str
     T_world_cam: Array
     mask_file: str | None = None
+    intrinsics: Intrinsics | None = None
 
 
 def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 960) -> Dataset:
@@ -99,6 +103,10 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
         )
     files = _find_files(folder, frames)
     poses = np.stack([_read_pose(frame, file) for frame, file in zip(frames, files, strict=True)])
+    if np.ptp(poses[:, :3, 3], axis=0).max() < _SAME_PLACE_M:
+        raise DatasetError(
+            f"all {len(poses)} pictures of {folder} were taken from one point, which shows no depth"
+        )
     images, masks, cameras = [], [], []
     for frame, file in zip(frames, files, strict=True):
         image, mask = _read_picture(folder, frame, file)
@@ -135,13 +143,12 @@ def write_transforms(
     Args:
         folder: Dataset folder, which exists.
         pictures: Pictures in the order they shall have.
-        intrinsics: Camera of all of them.
+        intrinsics: Camera of all that name none of their own.
         object_box: Box around the object, world metres, or None.
 
     Returns:
         Path of the file.
     """
-    k1, k2, p1, p2, k3 = intrinsics.distortion
     frames: list[dict[str, Any]] = []
     for picture in pictures:
         frame: dict[str, Any] = {
@@ -150,20 +157,12 @@ def write_transforms(
         }
         if picture.mask_file is not None:
             frame["mask_path"] = picture.mask_file
+        if picture.intrinsics is not None:
+            frame |= _lens_json(picture.intrinsics)
         frames.append(frame)
     description: dict[str, Any] = {
         "camera_model": "OPENCV",
-        "w": intrinsics.width,
-        "h": intrinsics.height,
-        "fl_x": intrinsics.fx,
-        "fl_y": intrinsics.fy,
-        "cx": intrinsics.cx + 0.5,
-        "cy": intrinsics.cy + 0.5,
-        "k1": k1,
-        "k2": k2,
-        "p1": p1,
-        "p2": p2,
-        "k3": k3,
+        **_lens_json(intrinsics),
         "camera_angle_x": 2.0 * float(np.arctan(intrinsics.width / (2.0 * intrinsics.fx))),
         "camera_angle_y": intrinsics.vertical_fov_rad,
         "aabb_scale": 8,
@@ -179,6 +178,24 @@ def write_transforms(
         os.fsync(stream.fileno())
     draft.replace(target)
     return target
+
+
+def _lens_json(intrinsics: Intrinsics) -> dict[str, float]:
+    """Return a camera as instant-ngp and nerfstudio name its numbers."""
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    return {
+        "w": intrinsics.width,
+        "h": intrinsics.height,
+        "fl_x": intrinsics.fx,
+        "fl_y": intrinsics.fy,
+        "cx": intrinsics.cx + 0.5,
+        "cy": intrinsics.cy + 0.5,
+        "k1": k1,
+        "k2": k2,
+        "p1": p1,
+        "p2": p2,
+        "k3": k3,
+    }
 
 
 def _read_description(folder: Path) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +32,20 @@ class ExposureGains:
     def gains(self) -> FloatArray:
         """Factors ``(pictures, 3)``."""
         return np.exp(self.log_gains)
+
+    def state(self) -> dict[str, FloatArray]:
+        """Return gains and moments by name, for a checkpoint to go on from."""
+        return {
+            "log_gains": self.log_gains,
+            "gains_mean": self._mean,
+            "gains_variance": self._variance,
+        }
+
+    def restore(self, state: Mapping[str, FloatArray]) -> None:
+        """Take over what ``state`` returned; moments may be missing."""
+        self.log_gains = state["log_gains"]
+        if "gains_mean" in state:
+            self._mean, self._variance = state["gains_mean"], state["gains_variance"]
 
     def step(self, grads: FloatArray, indices: NDArray[np.int64]) -> None:
         """Move the gains of ``indices`` along ``grads`` ``(chunks, pictures, 3)``, clear those."""

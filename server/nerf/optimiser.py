@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +31,24 @@ class Adam:
         self._means = {name: np.zeros_like(v) for name, v in self._values.items()}
         self._variances = {name: np.zeros_like(v) for name, v in self._values.items()}
         self._steps = 0
+
+    def state(self) -> dict[str, FloatArray]:
+        """Return moments and step count by name, for a checkpoint to go on from."""
+        named = {"adam_steps": np.array(self._steps, np.float32)}
+        for kind, moments in (("mean", self._means), ("variance", self._variances)):
+            named |= {f"adam_{kind}_{name}": moment for name, moment in moments.items()}
+        return named
+
+    def restore(self, state: Mapping[str, FloatArray]) -> None:
+        """Take over what ``state`` returned.
+
+        Raises:
+            KeyError: If something is missing.
+        """
+        self._steps = int(state["adam_steps"])
+        for kind, moments in (("mean", self._means), ("variance", self._variances)):
+            for name, moment in moments.items():
+                moment[:] = state[f"adam_{kind}_{name}"]
 
     def rate(self, progress: float) -> float:
         """Return the learning rate at ``progress`` in [0, 1]: warm-up, then exponential decay."""

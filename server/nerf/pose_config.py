@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,25 @@ class PoseConfig:
         min_pair_matches: Fewest verified matches of a pair that is used.
         min_resection_matches: Fewest verified 2D-3D matches that register a picture.
         min_triangulation_angle_rad: Rays that meet at a smaller angle make no point.
-        max_reprojection_error_px: Observations with a larger error are removed.
+        mapping_error_px: Observations with a larger error are removed while pictures are registered
+            with lenses as calibrated: a per cent is five pixels at a picture's edge, and what
+            would correct the lenses must not be thrown away.
+        max_reprojection_error_px: Observations with a larger error in the end are removed.
+        adjustments: Most steps of the last bundle adjustment.
+        refine_lens: Whether each drone's focal length, and its principal point across, are found
+            with the poses.
+        min_focal_pictures: Fewest pictures of a drone for that.
+        focal_sigma: Standard deviation of the calibrated focal length, as a share.
+        principal_sigma_px: Standard deviation of the calibrated principal point, pixels.
+        robust_noises: Error beyond which an observation pulls less and less, in standard deviations
+            of its picture.
+        sigma_factor: Standard deviations of refined poses are this many times what independent
+            observations would give: features share their errors.
+        max_sigma_m: A position known less well is not called refined, metres per axis.
+        max_sigma_rad: A rotation known less well is not called refined, radians per axis.
+        thorough_features: Where some still could not be refined, everything is tried again with
+            so many features per picture and pictures of ``thorough_image_size_px``; 0 never.
+        thorough_image_size_px: Longer side of the pictures in that second try.
         min_model_pictures: A connected reconstruction with fewer pictures is dropped.
         drone_offset_sigma_m: Standard deviation of the error that all believed positions of one
             drone have in common (how exactly it was set down), metres per axis.
@@ -57,13 +75,35 @@ class PoseConfig:
     min_pair_matches: int = 15
     min_resection_matches: int = 15
     min_triangulation_angle_rad: float = math.radians(1.5)
+    mapping_error_px: float = 8.0
     max_reprojection_error_px: float = 3.0
+    adjustments: int = 12
+    refine_lens: bool = True
+    min_focal_pictures: int = 8
+    focal_sigma: float = 0.01
+    principal_sigma_px: float = 2.0
+    robust_noises: float = 2.0
+    sigma_factor: float = 5.0
+    max_sigma_m: float = 0.05
+    max_sigma_rad: float = math.radians(1.5)
+    thorough_features: int = 4000
+    thorough_image_size_px: int = 2000
     min_model_pictures: int = 3
     drone_offset_sigma_m: float = 0.2
     drone_yaw_sigma_rad: float = math.radians(8.0)
     picture_sigma_floor_m: float = 0.03
     yaw_sigma_floor_rad: float = math.radians(1.0)
     tilt_sigma_rad: float = math.radians(2.0)
+
+    def thorough(self) -> PoseConfig:
+        """Return the settings of the second try."""
+        return replace(
+            self,
+            max_image_size_px=self.thorough_image_size_px,
+            max_features=max(self.thorough_features, self.max_features),
+            max_view_angle_rad=1.4 * self.max_view_angle_rad,
+            pairs_per_drone=2 * self.pairs_per_drone,
+        )
 
     def __post_init__(self) -> None:
         at_least = {
@@ -76,6 +116,10 @@ class PoseConfig:
             "pairs_per_drone": 0,
             "min_pair_matches": 8,
             "min_resection_matches": 6,
+            "thorough_features": 0,
+            "thorough_image_size_px": 64,
+            "adjustments": 0,
+            "min_focal_pictures": 3,
             "min_model_pictures": 3,
         }
         for name, least in at_least.items():
@@ -87,7 +131,14 @@ class PoseConfig:
             "max_match_ratio",
             "max_epipolar_error_px",
             "min_triangulation_angle_rad",
+            "mapping_error_px",
             "max_reprojection_error_px",
+            "focal_sigma",
+            "principal_sigma_px",
+            "robust_noises",
+            "max_sigma_m",
+            "max_sigma_rad",
+            "sigma_factor",
             "drone_offset_sigma_m",
             "drone_yaw_sigma_rad",
             "picture_sigma_floor_m",

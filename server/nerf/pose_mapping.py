@@ -64,7 +64,9 @@ class Mapper:
 
     Args:
         files: The pictures.
-        intrinsics: Camera of each picture; equal ones share a camera.
+        intrinsics: Camera of each picture, as it was calibrated.
+        drone: Number of the drone of each picture: its pictures with equal intrinsics share a
+            camera.
         work_folder: A folder of this job's own; a database in it is replaced.
         config: Settings.
         on_progress: Called with what is being done and its share in 0..1.
@@ -75,6 +77,7 @@ class Mapper:
         self,
         files: Sequence[Path],
         intrinsics: Sequence[Intrinsics],
+        drone: Sequence[int],
         work_folder: Path,
         config: PoseConfig,
         on_progress: Progress,
@@ -83,7 +86,7 @@ class Mapper:
         self._config = config
         self._on_progress = on_progress
         self._should_stop = should_stop
-        self._intrinsics = list(intrinsics)
+        self._cameras = list(zip(drone, intrinsics, strict=True))
         self._names = [f"{i:05d}{file.suffix.lower()}" for i, file in enumerate(files)]
         self._index_of = {name: i for i, name in enumerate(self._names)}
         self._root = work_folder / "pictures"
@@ -116,14 +119,12 @@ class Mapper:
         options.sift.first_octave = self._config.first_octave
         options.sift.peak_threshold = self._config.peak_threshold
         done = 0
-        for intrinsics in dict.fromkeys(self._intrinsics):
+        for camera in dict.fromkeys(self._cameras):
             names = [
-                name
-                for name, own in zip(self._names, self._intrinsics, strict=True)
-                if own == intrinsics
+                name for name, own in zip(self._names, self._cameras, strict=True) if own == camera
             ]
             reader = pycolmap.ImageReaderOptions()
-            reader.camera_model, reader.camera_params = _camera_text(intrinsics)
+            reader.camera_model, reader.camera_params = _camera_text(camera[1])
             for first in range(0, len(names), _EXTRACTION_BATCH):
                 self._check_stop()
                 batch = names[first : first + _EXTRACTION_BATCH]
@@ -194,12 +195,12 @@ class Mapper:
         mapper.abs_pose_max_error = 3.0 * config.max_reprojection_error_px
         mapper.abs_pose_refine_focal_length = False
         mapper.abs_pose_refine_extra_params = False
-        mapper.filter_max_reproj_error = config.max_reprojection_error_px
+        mapper.filter_max_reproj_error = config.mapping_error_px
         mapper.filter_min_tri_angle = angle_deg
         options.triangulation.min_angle = angle_deg
         options.triangulation.random_seed = config.seed
-        options.triangulation.complete_max_reproj_error = config.max_reprojection_error_px
-        options.triangulation.merge_max_reproj_error = config.max_reprojection_error_px
+        options.triangulation.complete_max_reproj_error = config.mapping_error_px
+        options.triangulation.merge_max_reproj_error = config.mapping_error_px
         return options
 
     def map(self) -> list[Model]:

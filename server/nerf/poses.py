@@ -9,6 +9,7 @@ hold the world upright.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,12 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
+from server.geometry.poses import Similarity
 from server.nerf.pose_alignment import (
     Beliefs,
     ScaleUnknownError,
     align_to_beliefs,
     carry_corrections,
 )
+from server.nerf.pose_bundle import Adjusted, adjust
 from server.nerf.pose_config import PoseConfig
 from server.nerf.pose_mapping import Mapper, Model, PosesStoppedError
 from server.nerf.pose_pairs import choose_pairs
@@ -63,8 +66,13 @@ class RefinedPoses:
 
     Attributes:
         T_world_cam: Best poses ``(n, 4, 4)`` in the order of the pictures.
-        refined: Which of them come from the pictures ``(n,)``; the others are flight poses, moved
-            as their drone's refined pictures were.
+        refined: Which of them come from the pictures and are known well ``(n,)``; the others are
+            flight poses, moved as their drone's refined pictures were, or belong to a smaller
+            reconstruction that only the flight's beliefs tie to the largest.
+        sigma_m: How well each position is known ``(n,)``, metres per axis, standard deviation:
+            relative to one another for refined ones, in the world for the others.
+        sigma_rad: How well each rotation is known ``(n,)``, radians per axis.
+        intrinsics: Camera of each picture, with the focal length found for its drone.
         reprojection_rms_px: Root mean square over all observations used, NaN without any.
         points_world: Triangulated points ``(m, 3)`` seen in three pictures or more, world metres.
         message: One sentence for the operator.
@@ -72,6 +80,9 @@ class RefinedPoses:
 
     T_world_cam: Array
     refined: NDArray[np.bool_]
+    sigma_m: Array
+    sigma_rad: Array
+    intrinsics: tuple[Intrinsics, ...]
     reprojection_rms_px: float
     points_world: Array
     message: str
@@ -115,17 +126,133 @@ def _errors_px(
     return np.concatenate(errors) if errors else np.zeros(0)
 
 
-def _message(refined: NDArray[np.bool_], still: NDArray[np.bool_], stopped: bool) -> str:
-    """Return one sentence about how many poses were refined."""
-    done, stills = int((refined & still).sum()), int(still.sum())
-    if stopped:
-        return "Stopped before the poses were refined; the flight's poses are kept."
-    if not refined.any():
-        return "Too little texture to refine the poses; the flight's poses are kept."
-    text = f"{done} of {stills} poses refined"
-    if not still.all():
-        text += f" with {int((refined & ~still).sum())} of {int((~still).sum())} video pictures"
-    return text + ("." if done == stills else "; the others are corrected flight poses.")
+@dataclass(frozen=True, slots=True, eq=False)
+class _Task:
+    """What is known before anything is looked at; arrays in the order of the pictures."""
+
+    beliefs: Beliefs
+    drone_ids: list[str]
+    at_s: Array
+    still: NDArray[np.bool_]
+    cameras: list[Intrinsics]
+
+
+class _Carried:
+    """Reconstructions carried into the world."""
+
+    def __init__(self, beliefs: Beliefs, cameras: Sequence[Intrinsics]) -> None:
+        self.T_world_cam = beliefs.T_world_cam.copy()
+        self.refined = np.zeros(len(cameras), bool)
+        self.stopped = False
+        self._sigma_m, self._sigma_rad = beliefs.sigma_m.copy(), beliefs.sigma_rad.copy()
+        self._cameras = list(cameras)
+        self._points = np.zeros((0, 3))
+        self._rms_px = float("nan")
+
+    def complete(self, still: NDArray[np.bool_]) -> bool:
+        """Return whether all stills are refined."""
+        return bool(self.refined[still].all())
+
+    def take(self, models: Sequence[Model], task: _Task, config: PoseConfig) -> None:
+        """Carry ``models``, largest first, and fill the gaps between their pictures."""
+        placed = np.zeros(len(self.refined), bool)
+        beliefs = task.beliefs
+        for model in models:
+            new = ~placed[model.indices]
+            # What a larger model has taught about a drone corrects what is believed of a smaller.
+            T_now = carry_corrections(
+                beliefs.T_world_cam, self.T_world_cam, placed, beliefs.drone, task.at_s
+            )
+            now = Beliefs(T_now, beliefs.drone, beliefs.sigma_m, beliefs.sigma_rad)
+            if new.sum() < config.min_model_pictures:
+                continue
+            adjusted = adjust(
+                model,
+                [task.cameras[i] for i in model.indices],
+                beliefs.drone[model.indices],
+                config,
+            )
+            T_model_cam = adjusted.model.T_model_cam
+            try:
+                similarity = align_to_beliefs(T_model_cam, now.subset(model.indices), config)
+            except ScaleUnknownError:
+                # A model without extent (a hovering drone) tells nothing about scale or place.
+                continue
+            taken = model.indices[new]
+            self.T_world_cam[taken] = similarity.poses(T_model_cam)[new]
+            if not placed.any():
+                self._take_largest(adjusted, similarity, beliefs.drone, config)
+            placed[taken] = True
+        self.T_world_cam = carry_corrections(
+            beliefs.T_world_cam, self.T_world_cam, placed, beliefs.drone, task.at_s
+        )
+
+    def _take_largest(
+        self,
+        adjusted: Adjusted,
+        similarity: Similarity,
+        drone: NDArray[np.int_],
+        config: PoseConfig,
+    ) -> None:
+        """Take how well the largest model's pictures are known, its cameras and its points."""
+        model = adjusted.model
+        keys = list(zip(drone.tolist(), self._cameras, strict=True))
+        found = {keys[i]: lens for i, lens in zip(model.indices, adjusted.intrinsics, strict=True)}
+        self._cameras = [found.get(key, key[1]) for key in keys]
+        sigma_m = config.sigma_factor * similarity.scale * adjusted.sigma_shift
+        # The principal point's height cannot be found; it tilts all pictures of a drone alike.
+        tilt_rad = config.principal_sigma_px / adjusted.intrinsics[0].fy
+        sigma_rad = np.hypot(config.sigma_factor * adjusted.sigma_turn, tilt_rad / np.sqrt(3.0))
+        known = (sigma_m <= config.max_sigma_m) & (sigma_rad <= config.max_sigma_rad)
+        self._sigma_m[model.indices], self._sigma_rad[model.indices] = sigma_m, sigma_rad
+        self.refined[model.indices] = known
+        carried = similarity.points(model.points_model)
+        errors = _errors_px(model, self.T_world_cam, carried, self._cameras)
+        self._rms_px = float(np.sqrt((errors**2).mean())) if len(errors) else float("nan")
+        seen = np.bincount(model.observations[:, 1].astype(int), minlength=len(carried))
+        self._points = carried[seen >= 3]
+
+    def result(self, task: _Task) -> RefinedPoses:
+        """Return what was found, with a sentence about it."""
+        return RefinedPoses(
+            self.T_world_cam,
+            self.refined,
+            self._sigma_m,
+            self._sigma_rad,
+            tuple(self._cameras),
+            self._rms_px,
+            self._points,
+            self._message(task.still),
+        )
+
+    def _message(self, still: NDArray[np.bool_]) -> str:
+        """Return one sentence about how many poses were refined, and how well all are known."""
+        if self.stopped:
+            return "Stopped before the poses were refined; the flight's poses are kept."
+        if not self.refined.any():
+            about = _about(self._sigma_m[still], self._sigma_rad[still])
+            return (
+                "Too little texture to refine the poses; the flight's poses are kept, known to "
+                f"{about}."
+            )
+        fine, stills = self.refined & still, int(still.sum())
+        text = f"{int(fine.sum())} of {stills} poses refined"
+        if fine.any():
+            text += f" to {_about(self._sigma_m[fine], self._sigma_rad[fine])}"
+        if not still.all():
+            text += f" with {int((self.refined & ~still).sum())} of {int((~still).sum())}"
+            text += " video pictures"
+        if fine.sum() == stills:
+            return text + "."
+        left = still & ~self.refined
+        about = _about(self._sigma_m[left], self._sigma_rad[left])
+        return f"{text}; the others are corrected flight poses, known to {about}."
+
+
+def _about(sigma_m: Array, sigma_rad: Array) -> str:
+    """Return the median of some standard deviations in words."""
+    sigma_cm = 100.0 * float(np.median(sigma_m))
+    return f"about {sigma_cm:.2g} cm and {math.degrees(float(np.median(sigma_rad))):.2g} degrees"
 
 
 def refine_poses(
@@ -156,73 +283,62 @@ def refine_poses(
         [intrinsics] * len(pictures) if isinstance(intrinsics, Intrinsics) else list(intrinsics)
     )
     _check(pictures, cameras)
-    T_flight = np.stack([np.asarray(p.T_world_cam, float) for p in pictures])
-    still = np.array([p.still for p in pictures], bool)
-    at_s = np.array([p.at_s for p in pictures], float)
+    task = _task(pictures, cameras)
+    best = _attempt(pictures, task, work_folder, config, on_progress, should_stop)
+    if not best.stopped and not best.complete(task.still) and config.thorough_features > 0:
+        # The quick search found too little: look again at full size, for more and fainter features.
+        again = _attempt(pictures, task, work_folder, config.thorough(), on_progress, should_stop)
+        if (again.refined & task.still).sum() > (best.refined & task.still).sum():
+            best = again
+    return best.result(task)
+
+
+def _task(pictures: Sequence[PosedPicture], cameras: list[Intrinsics]) -> _Task:
+    """Return what is known before anything is looked at."""
     drone_ids = [p.drone_id for p in pictures]
     _, drone = np.unique(np.array(drone_ids), return_inverse=True)
     beliefs = Beliefs(
-        T_flight,
+        np.stack([np.asarray(p.T_world_cam, float) for p in pictures]),
         drone,
         np.array([p.sigma_m for p in pictures], float),
         np.array([p.sigma_rad for p in pictures], float),
     )
-    mapper = Mapper(
-        [p.file for p in pictures], cameras, work_folder, config, on_progress, should_stop
+    return _Task(
+        beliefs,
+        drone_ids,
+        np.array([p.at_s for p in pictures], float),
+        np.array([p.still for p in pictures], bool),
+        cameras,
     )
+
+
+def _attempt(
+    pictures: Sequence[PosedPicture],
+    task: _Task,
+    work_folder: Path,
+    config: PoseConfig,
+    on_progress: Callable[[str, float], None],
+    should_stop: Callable[[], bool],
+) -> _Carried:
+    """Reconstruct once and carry what came of it into the world."""
+    beliefs = task.beliefs
+    mapper = Mapper(
+        [p.file for p in pictures],
+        task.cameras,
+        beliefs.drone.tolist(),
+        work_folder,
+        config,
+        on_progress,
+        should_stop,
+    )
+    pairs = choose_pairs(beliefs.T_world_cam, task.drone_ids, task.at_s, task.still, config)
+    carried = _Carried(beliefs, task.cameras)
     try:
         mapper.extract()
-        mapper.match(choose_pairs(T_flight, drone_ids, at_s, still, config))
-        models = mapper.map()
+        mapper.match(pairs)
+        carried.take(mapper.map(), task, config)
     except PosesStoppedError:
-        models, stopped = [], True
-    else:
-        stopped = False
+        carried.stopped = True
     finally:
         mapper.clean()
-    return _carry(models, beliefs, at_s, still, cameras, config, stopped)
-
-
-def _carry(
-    models: Sequence[Model],
-    beliefs: Beliefs,
-    at_s: Array,
-    still: NDArray[np.bool_],
-    cameras: Sequence[Intrinsics],
-    config: PoseConfig,
-    stopped: bool,
-) -> RefinedPoses:
-    """Carry ``models``, largest first, into the world and fill the gaps between their pictures."""
-    T_best = beliefs.T_world_cam.copy()
-    refined = np.zeros(len(at_s), bool)
-    points, errors = [np.zeros((0, 3))], [np.zeros(0)]
-    for model in models:
-        new = ~refined[model.indices]
-        # What a larger model has taught about a drone corrects what is believed for a smaller one.
-        T_now = carry_corrections(beliefs.T_world_cam, T_best, refined, beliefs.drone, at_s)
-        now = Beliefs(T_now, beliefs.drone, beliefs.sigma_m, beliefs.sigma_rad)
-        if new.sum() < config.min_model_pictures:
-            continue
-        try:
-            similarity = align_to_beliefs(model.T_model_cam, now.subset(model.indices), config)
-        except ScaleUnknownError:
-            # A model without extent (a hovering drone) tells nothing about scale or place.
-            continue
-        T_carried = T_best.copy()
-        T_carried[model.indices] = similarity.poses(model.T_model_cam)
-        carried = similarity.points(model.points_model)
-        errors.append(_errors_px(model, T_carried, carried, cameras))
-        seen = np.bincount(model.observations[:, 1].astype(int), minlength=len(carried))
-        points.append(carried[seen >= 3])
-        taken = model.indices[new]
-        T_best[taken] = T_carried[taken]
-        refined[taken] = True
-    T_best = carry_corrections(beliefs.T_world_cam, T_best, refined, beliefs.drone, at_s)
-    all_errors = np.concatenate(errors)
-    return RefinedPoses(
-        T_best,
-        refined,
-        float(np.sqrt((all_errors**2).mean())) if len(all_errors) else float("nan"),
-        np.concatenate(points),
-        _message(refined, still, stopped),
-    )
+    return carried

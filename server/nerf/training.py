@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numba
 import numpy as np
@@ -301,8 +301,17 @@ class Trainer:
             scores.append(score_picture(index, shown, reference, self.dataset.masks[index]))
         return Evaluation(mean_metrics(scores, len(self.dataset)), tuple(scores))
 
-    def save(self, path: Path) -> None:
-        """Write a checkpoint (numpy archive) that is complete or not there."""
+    def save(self, path: Path, *, resumable: bool = False) -> None:
+        """Write a checkpoint (numpy archive) that is complete or not there.
+
+        Args:
+            path: The file.
+            resumable: Also keep the optimiser's moments and the random numbers' state (three times
+                the size), so that training goes on as if it had never stopped.
+
+        Raises:
+            OSError: If it cannot be written, as on a full disk; nothing is left behind then.
+        """
         about = {
             "field": asdict(self._field),
             "train": asdict(self._train),
@@ -311,16 +320,27 @@ class Trainer:
             "step": self._step,
             "training_pictures": self._indices.tolist(),
         }
-        draft = path.with_name(path.name + ".part")
-        with draft.open("wb") as stream:
-            arrays = {
-                "about": np.array(json.dumps(about)),
-                "log_gains": self._exposure.log_gains,
-                "densities": self._memory.densities,
-                **self._parameters.named(),
+        arrays: dict[str, NDArray[Any]] = {
+            "densities": self._memory.densities,
+            **self._exposure.state(),
+            **self._parameters.named(),
+        }
+        if resumable:
+            about |= {
+                "random": self._rng.bit_generator.state,
+                "progress": self._progress,
+                "memory_ready": self._memory.ready,
             }
-            np.savez(stream, allow_pickle=False, **arrays)
-        draft.replace(path)
+            arrays |= self._adam.state()
+        arrays["about"] = np.array(json.dumps(about))
+        draft = path.with_name(path.name + ".part")
+        try:
+            with draft.open("wb") as stream:
+                np.savez(stream, allow_pickle=False, **arrays)
+            draft.replace(path)
+        except OSError:
+            draft.unlink(missing_ok=True)
+            raise
 
     @classmethod
     def load(
@@ -358,10 +378,14 @@ class Trainer:
             trainer.use_pictures(pictures)
             for name, array in trainer._parameters.named().items():
                 array[:] = stored[name]
-            trainer._exposure.log_gains = stored["log_gains"]
+            trainer._exposure.restore(stored)
             trainer._memory.restore(stored["densities"])
             trainer._step = int(about["step"])
-            trainer._progress = 1.0
+            trainer._progress = float(about.get("progress", 1.0))
+            if "random" in about:
+                trainer._adam.restore(stored)
+                trainer._memory.ready = bool(about["memory_ready"])
+                trainer._rng.bit_generator.state = about["random"]
         return trainer
 
     def _open_levels(self) -> float:

@@ -130,6 +130,12 @@ def _set(key, value):
     return lambda d: d.update({key: value})
 
 
+def _one_place(d):
+    for frame in d["frames"]:
+        for row in range(3):
+            frame["transform_matrix"][row][3] = 0.5
+
+
 def _pose(row, column, value):
     def change(d):
         d["frames"][1]["transform_matrix"][row][column] = value
@@ -146,6 +152,7 @@ def _pose(row, column, value):
         (lambda d: d["frames"][1].pop("file_path"), "frame 1 .* no file_path"),
         (lambda d: d["frames"][1].pop("transform_matrix"), "pose of 1.png is missing"),
         (_pose(0, 3, float("nan")), "not finite"),
+        (_one_place, "taken from one point"),
         (lambda d: d["frames"][1].update(transform_matrix=np.zeros((4, 4)).tolist()), "singular"),
         (lambda d: d["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]), "not 4x4"),
         (_set("camera_model", "OPENCV_FISHEYE"), "unknown: OPENCV_FISHEYE"),

@@ -97,6 +97,36 @@ def test_checkpoint_shows_the_same_picture(dataset, tmp_path):
 
 
 @pytest.mark.slow
+def test_training_goes_on_as_if_it_had_never_stopped(dataset, tmp_path):
+    whole = make(dataset)
+    whole.run(steps=40)
+    first = make(dataset)
+    # Stopped in the middle of its schedule, and between two refreshes of the memory.
+    first.run(steps=40, should_stop=lambda: first.steps >= 21)
+    first.save(tmp_path / "checkpoint", resumable=True)
+    second = Trainer.load(tmp_path / "checkpoint", dataset, seed=9, threads=2)
+    second.run(steps=19, progress_from=21 / 40)
+    assert second.steps == 40
+    for trainer in (whole, second):
+        trainer.use_threads(1)
+    shown = [t.render(CAMERA, dataset.T_world_cam[0]).rgb for t in (whole, second)]
+    np.testing.assert_allclose(shown[0], shown[1], atol=1e-4)
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_nothing(dataset, tmp_path, monkeypatch):
+    trainer = make(dataset)
+
+    def full_disk(stream, **_arrays):
+        stream.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        trainer.save(tmp_path / "checkpoint")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
 def test_held_out_pictures_do_not_touch_the_field(dataset):
     images = list(dataset.images)
     for index in HELD_OUT:

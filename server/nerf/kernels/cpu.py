@@ -36,47 +36,52 @@ def chunk_blocks(blocks, chunks, chunk):
 
 
 @njit(cache=True, fastmath=True)
-def _find_corners(points, count, block, layout, rows, weights):
-    """Fill table rows and weights ``(8, LANES)`` of the cell around each point of ``block``."""
-    resolution, offset, entries, dense = layout
-    side = resolution + 1
-    mask = entries - 1
+def _find_corners(points, count, block, level, width, rows, weights):
+    """Fill table places and weights ``(8, LANES)`` of the cell around each point of ``block``.
+
+    A place is the index of a row's first number in the flat table. All whole numbers have 32 bits,
+    so that hashing vectorises twice as wide; the hash keeps low bits only, which wrap alike.
+    """
+    resolution, offset, entries, dense = level
+    scale = np.float32(resolution)
     top = np.float32(resolution - 1)
     one = np.float32(1.0)
     for lane in range(LANES):
         n = min(block * LANES + lane, count - 1)
-        px = points[n, 0] * np.float32(resolution)
-        py = points[n, 1] * np.float32(resolution)
-        pz = points[n, 2] * np.float32(resolution)
+        px, py, pz = points[n, 0] * scale, points[n, 1] * scale, points[n, 2] * scale
         cx = min(max(np.floor(px), np.float32(0.0)), top)
         cy = min(max(np.floor(py), np.float32(0.0)), top)
         cz = min(max(np.floor(pz), np.float32(0.0)), top)
         wx, wy, wz = px - cx, py - cy, pz - cz
-        ix, iy, iz = np.int64(cx), np.int64(cy), np.int64(cz)
         w00, w10 = (one - wy) * (one - wz), wy * (one - wz)
         w01, w11 = (one - wy) * wz, wy * wz
         weights[0, lane], weights[1, lane] = (one - wx) * w00, wx * w00
         weights[2, lane], weights[3, lane] = (one - wx) * w10, wx * w10
         weights[4, lane], weights[5, lane] = (one - wx) * w01, wx * w01
         weights[6, lane], weights[7, lane] = (one - wx) * w11, wx * w11
-        if dense:
-            row = offset + ix + side * (iy + side * iz)
-            rows[0, lane], rows[1, lane] = row, row + 1
-            rows[2, lane], rows[3, lane] = row + side, row + side + 1
-            row += side * side
-            rows[4, lane], rows[5, lane] = row, row + 1
-            rows[6, lane], rows[7, lane] = row + side, row + side + 1
-        else:
-            y0, y1 = iy * HASH_Y, (iy + 1) * HASH_Y
-            z0, z1 = iz * HASH_Z, (iz + 1) * HASH_Z
-            rows[0, lane] = offset + ((ix ^ y0 ^ z0) & mask)
-            rows[1, lane] = offset + (((ix + 1) ^ y0 ^ z0) & mask)
-            rows[2, lane] = offset + ((ix ^ y1 ^ z0) & mask)
-            rows[3, lane] = offset + (((ix + 1) ^ y1 ^ z0) & mask)
-            rows[4, lane] = offset + ((ix ^ y0 ^ z1) & mask)
-            rows[5, lane] = offset + (((ix + 1) ^ y0 ^ z1) & mask)
-            rows[6, lane] = offset + ((ix ^ y1 ^ z1) & mask)
-            rows[7, lane] = offset + (((ix + 1) ^ y1 ^ z1) & mask)
+        # Cells wait in the first rows for their places.
+        rows[0, lane], rows[1, lane], rows[2, lane] = np.int32(cx), np.int32(cy), np.int32(cz)
+    step, base = np.int32(width), np.int32(offset * width)
+    if dense:
+        side = np.int32(resolution + 1)
+        dy, dz = np.int32(side * step), np.int32(side * side * step)
+        for lane in range(LANES):
+            ix, iy, iz = rows[0, lane], rows[1, lane], rows[2, lane]
+            row = np.int32(base + np.int32(ix * step) + np.int32(iy * dy) + np.int32(iz * dz))
+            for corner in range(8):
+                shift = (corner & 1) * step + ((corner >> 1) & 1) * dy + (corner >> 2) * dz
+                rows[corner, lane] = row + np.int32(shift)
+    else:
+        mask, prime_y, prime_z = np.uint32(entries - 1), np.uint32(HASH_Y), np.uint32(HASH_Z)
+        for lane in range(LANES):
+            x0, y0 = np.uint32(rows[0, lane]), np.uint32(np.uint32(rows[1, lane]) * prime_y)
+            z0 = np.uint32(np.uint32(rows[2, lane]) * prime_z)
+            for corner in range(8):
+                x = np.uint32(x0 + np.uint32(corner & 1))
+                y = np.uint32(y0 + prime_y * np.uint32((corner >> 1) & 1))
+                z = np.uint32(z0 + prime_z * np.uint32(corner >> 2))
+                entry = np.int32((x ^ y ^ z) & mask)
+                rows[corner, lane] = base + np.int32(entry * step)
 
 
 @njit(cache=True, fastmath=True)
@@ -91,13 +96,13 @@ def _encode_chunk(points, count, table, layout, window, features, first, last):
                 features[block, level * width : (level + 1) * width, :] = 0.0
             continue
         for block in range(first, last):
-            _find_corners(points, count, block, layout[level], rows, weights)
+            _find_corners(points, count, block, layout[level], width, rows, weights)
             for f in range(width):
                 out = features[block, level * width + f]
                 for lane in range(LANES):
                     total = np.float32(0.0)
                     for corner in range(8):
-                        total += weights[corner, lane] * flat[rows[corner, lane] * width + f]
+                        total += weights[corner, lane] * flat[rows[corner, lane] + f]
                     out[lane] = total * window[level]
 
 
@@ -121,6 +126,17 @@ def encode_forward(points, count, table, layout, window, features, chunks):
 
 
 @njit(cache=True, fastmath=True)
+def _scatter_pair(grad, f, lanes, share, rows, weights, flat):
+    """Add the gradient of features ``f`` and ``f + 1`` of one block and level; two at a time."""
+    for lane in range(lanes):
+        g0, g1 = grad[f, lane] * share, grad[f + 1, lane] * share
+        for corner in range(8):
+            row, weight = rows[corner, lane] + f, weights[corner, lane]
+            flat[row] += weight * g0
+            flat[row + 1] += weight * g1
+
+
+@njit(cache=True, fastmath=True)
 def _scatter_chunk(points, count, layout, window, features_grad, table_grad, first, last):
     width = table_grad.shape[1]
     flat = table_grad.reshape(-1)
@@ -130,14 +146,17 @@ def _scatter_chunk(points, count, layout, window, features_grad, table_grad, fir
         if window[level] == 0.0:
             continue
         for block in range(first, last):
-            _find_corners(points, count, block, layout[level], rows, weights)
+            _find_corners(points, count, block, layout[level], width, rows, weights)
             lanes = min(LANES, count - block * LANES)
-            for lane in range(lanes):
-                for corner in range(8):
-                    row = rows[corner, lane] * width
-                    weight = weights[corner, lane] * window[level]
-                    for f in range(width):
-                        flat[row + f] += weight * features_grad[block, level * width + f, lane]
+            grad = features_grad[block, level * width : (level + 1) * width]
+            for f in range(0, width - 1, 2):
+                _scatter_pair(grad, f, lanes, window[level], rows, weights, flat)
+            if width % 2:
+                f = width - 1
+                for lane in range(lanes):
+                    g = grad[f, lane] * window[level]
+                    for corner in range(8):
+                        flat[rows[corner, lane] + f] += weights[corner, lane] * g
 
 
 @njit(cache=True, parallel=True, fastmath=True)
