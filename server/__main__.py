@@ -44,6 +44,7 @@ from server.doctor.scan import parse_subnet
 from server.flight_commands import add_flight_commands
 from server.jobs.runner import JobFailedError, LocalRunner
 from server.jobs.spec import JobSpec
+from server.library_commands import add_library_commands
 from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
 from server.sim.words import LEVELS
@@ -451,6 +452,7 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
     add_flight_commands(commands, _command)
+    add_library_commands(commands, _command)
 
     # Listed here, but its options are the child's own: main hands them on as they are.
     part = commands.add_parser("bench", help="the measurements; see `dronerf bench --help`")

@@ -29,6 +29,7 @@ from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
 from server.planner.margins import space_within
 from server.recording.config import RecordingConfig
+from server.store.config import RetentionConfig
 from server.swarm.config import SafetyConfig
 from server.vision.config import VisionConfig
 
@@ -46,6 +47,8 @@ class Settings(BaseSettings):
         token: The secret that opens the console; without it and ``token_file`` one is made.
         token_file: A file that holds the token.
         runs: Folder of the run folders.
+        database_url: Database of the catalogue of runs; without it, a file in ``runs``.
+        retention: When old runs are deleted.
         mission: Tolerances, waits and counts of the flight.
         planner: Candidates, fitness, annealing, tracking, avoidance.
         vision: Region search, boxes, seed geometry, pose filter.
@@ -62,6 +65,8 @@ class Settings(BaseSettings):
     token: SecretStr | None = None
     token_file: Path | None = None
     runs: Path = Path("runs")
+    database_url: SecretStr | None = None
+    retention: RetentionConfig = RetentionConfig()
     mission: MissionConfig = MissionConfig()
     planner: PlannerConfig = PlannerConfig()
     vision: VisionConfig = VisionConfig()

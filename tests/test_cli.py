@@ -29,6 +29,7 @@ COMMANDS = (
     "calibrate",
     "record",
     "replay",
+    "library",
     "bench",
 )
 

@@ -16,6 +16,8 @@ from server.sim.scenes.catalogue import SCENES, load_object
 # By name, so that a bench loads only what it measures.
 _BENCHES = {
     "nerf": "server.bench.nerf",
+    "planner": "server.bench.planner",
+    "poses": "server.bench.poses",
     "mission": "server.bench.missions.measure",
     "regions": "server.bench.regions",
     "video": "server.bench.video",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from server.stages import Capture, Region
 from server.store.atomic import write_atomic
 
 _STATE = "capture.json"
+_DOOMED = ".deleting-"
 
 
 def run_id(name: str) -> str:
@@ -133,8 +135,34 @@ def list_runs(root: Path) -> list[RunFolder]:
     """Return the run folders under ``root`` that hold a ``capture.json``, newest first."""
     if not root.is_dir():
         return []
-    found = [RunFolder(path.parent) for path in root.glob(f"*/{_STATE}")]
+    told = (path.parent for path in root.glob(f"*/{_STATE}"))
+    found = [RunFolder(folder) for folder in told if not folder.name.startswith(".")]
     return sorted(found, key=lambda run: run.id, reverse=True)
+
+
+def delete_run(folder: Path) -> None:
+    """Delete a run folder for good.
+
+    It is renamed first, which happens at once or not at all: a deletion that is broken off leaves
+    no half run, only a hidden folder that ``clear_deleted`` takes away.
+
+    Raises:
+        OSError: If something in it cannot be deleted; what could be is gone.
+        ValueError: If the folder holds no run.
+    """
+    told = any((folder / name).is_file() for name in (_STATE, "metrics.json"))
+    if folder.is_symlink() or not told:
+        raise ValueError(f"{folder} holds no run")
+    doomed = folder.with_name(f"{_DOOMED}{folder.name}")
+    folder.rename(doomed)
+    shutil.rmtree(doomed)
+
+
+def clear_deleted(root: Path) -> None:
+    """End the deletions under ``root`` that were broken off."""
+    for doomed in root.glob(f"{_DOOMED}*"):
+        if doomed.is_dir() and not doomed.is_symlink():
+            shutil.rmtree(doomed, ignore_errors=True)
 
 
 def _mask_png(region: Region, intrinsics: Intrinsics) -> bytes:

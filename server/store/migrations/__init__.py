@@ -1,0 +1,1 @@
+"""The catalogue's versions; Alembic brings an older database up to date when it is opened."""
