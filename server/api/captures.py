@@ -6,10 +6,11 @@ from datetime import datetime
 from typing import Annotated, cast
 from urllib.parse import quote
 
-from fastapi import APIRouter, Body
+from fastapi import APIRouter, Body, Depends
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from server.api.command import CommandDesk
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
 from server.mission.commands import CaptureRecord, CaptureRequest, MissionControl, Mode
@@ -96,11 +97,18 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
     )
 
 
-def make_captures_router(mission: MissionControl) -> APIRouter:
+def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:
     """Return the routes below ``/captures``."""
     router = APIRouter(prefix=_PREFIX, tags=["captures"])
+    commanded = [Depends(desk.admit)]
 
-    @router.post("", operation_id="startCapture", status_code=202, responses=described(409, 422))
+    @router.post(
+        "",
+        operation_id="startCapture",
+        status_code=202,
+        responses=described(409, 422),
+        dependencies=commanded,
+    )
     async def start_capture(
         response: Response, spec: Annotated[CaptureSpec | None, Body()] = None
     ) -> CaptureView:
@@ -132,6 +140,17 @@ def make_captures_router(mission: MissionControl) -> APIRouter:
         """Return one capture."""
         return view_from_record(mission.capture(capture_id))
 
+    @router.delete(
+        "/{capture_id}",
+        operation_id="deleteCapture",
+        status_code=204,
+        responses=described(404, 409),
+    )
+    async def delete_capture(capture_id: str) -> Response:
+        """Delete a capture that is over, and all its files, for good."""
+        await mission.delete_capture(capture_id)
+        return Response(status_code=204)
+
     @router.get("/{capture_id}/metrics", operation_id="getCaptureMetrics", responses=described(404))
     async def get_metrics(capture_id: str) -> dict[str, object]:
         """Return how well held-out pictures were reproduced, once that was measured."""
@@ -140,13 +159,17 @@ def make_captures_router(mission: MissionControl) -> APIRouter:
             raise ProblemError(404, f"{capture_id} has no metrics yet", "no_metrics")
         return view.metrics
 
+    # Whoever sees a danger may let the drones hover or land; flying on is for who is in command.
     @router.post("/{capture_id}/pause", operation_id="pauseCapture", responses=described(404, 409))
     async def pause_capture(capture_id: str) -> CaptureView:
         """Hold position and stop the mission's clock."""
         return view_from_record(await mission.pause_capture(capture_id))
 
     @router.post(
-        "/{capture_id}/resume", operation_id="resumeCapture", responses=described(404, 409)
+        "/{capture_id}/resume",
+        operation_id="resumeCapture",
+        responses=described(404, 409),
+        dependencies=commanded,
     )
     async def resume_capture(capture_id: str) -> CaptureView:
         """Go on with a paused capture."""

@@ -64,6 +64,8 @@ class ApiConfig:
         stream: The event stream.
         notes: Lines of the event log kept in memory.
         artifacts: Most files one listing names.
+        lapse_s: The command of a browser that shows no sign of life lapses after this long. Its
+            silence is a failsafe of its own, see ``operator_silence_s``.
         command_wait_s: How long a drone's command may take to be refused before the answer is that
             it was accepted; it goes on afterwards.
 
@@ -76,12 +78,12 @@ class ApiConfig:
     notes: int = 1000
     artifacts: int = 2000
     command_wait_s: float = 2.0
+    lapse_s: float = 10.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.command_wait_s < float("inf"):
-            raise ValueError(
-                f"command_wait_s must be positive and finite, got {self.command_wait_s}"
-            )
+        for name in ("command_wait_s", "lapse_s"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
         for name in ("notes", "artifacts"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from typing import Literal
+from typing import Annotated, Literal
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Header
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict
 
+from server.api.command import CommandDesk
 from server.api.messages import DroneReport
 from server.api.problems import ProblemError, described
 from server.api.translate import message_from_event
@@ -36,7 +37,7 @@ class CommandAccepted(BaseModel):
 
 
 def make_drones_router(
-    mission: MissionControl, stops: StopControl, command_wait_s: float
+    mission: MissionControl, stops: StopControl, desk: CommandDesk, command_wait_s: float
 ) -> APIRouter:
     """Return the routes below ``/drones`` and ``/fleet``.
 
@@ -89,7 +90,11 @@ def make_drones_router(
         status_code=202,
         responses=described(404, 409, 422),
     )
-    async def command_drone(drone_id: str, request: CommandRequest) -> CommandAccepted:
+    async def command_drone(
+        drone_id: str,
+        request: CommandRequest,
+        x_dronerf_client: Annotated[str, Header(max_length=64)] = "",
+    ) -> CommandAccepted:
         """Command one drone."""
         if request.command in ("hold", "land", "cut_motors"):
             try:
@@ -97,6 +102,7 @@ def make_drones_router(
             except LookupError as error:
                 raise ProblemError(404, f"there is no drone {drone_id!r}", "unknown") from error
         else:
+            await desk.admit(x_dronerf_client)
             # A take-off lasts many seconds; who asked is told that it began, not that it ended.
             task = asyncio.create_task(
                 mission.command_drone(drone_id, request.command),

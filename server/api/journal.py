@@ -19,6 +19,8 @@ from server.mission.events import (
     FrameAnnotated,
     Noted,
     PlanFound,
+    PlanProgressed,
+    PlanViewChosen,
 )
 
 logger = logging.getLogger(__name__)
@@ -50,6 +52,8 @@ class Journal:
 
     Attributes:
         plan: The newest plan of the newest capture, None before there is one.
+        annealing: The newest annealing's reports from its first one on.
+        plan_view: Which viewpoints the 3D scene shows, None before anybody chose.
         pictures: The newest capture's pictures by their index.
         video: Counts of annotated pictures.
         healthy: True while events are being followed.
@@ -61,6 +65,8 @@ class Journal:
         self._sequence = 0
         self._capture_id: str | None = None
         self.plan: KnownPlan | None = None
+        self.annealing: list[PlanProgressed] = []
+        self.plan_view: PlanViewChosen | None = None
         self.pictures: dict[int, CaptureTaken] = {}
         self.video = VideoCounts()
         self.healthy = False
@@ -73,12 +79,19 @@ class Journal:
             case Noted():
                 self._sequence += 1
                 self._lines.append(Line(self._sequence, event))
+            case PlanProgressed(iteration=iteration):
+                if self.annealing and iteration <= self.annealing[-1].iteration:
+                    self.annealing = []
+                self.annealing.append(event)
             case PlanFound():
                 self.plan = KnownPlan(self._capture_id, event)
+            case PlanViewChosen():
+                self.plan_view = event
             case CaptureChanged(state="queued" | "running" | "paused", id=capture_id):
                 if capture_id != self._capture_id:
                     self._capture_id = capture_id
                     self.plan = None
+                    self.annealing = []
                     self.pictures = {}
             case CaptureTaken():
                 self.pictures[event.capture.index] = event

@@ -36,6 +36,7 @@ class DroneReport(_Message):
     video_age_s: float | None
     video_fps: float
     position_sigma_m: float | None
+    video_wanted: bool
 
 
 class CaptureReport(_Message):
@@ -55,6 +56,7 @@ class CaptureReport(_Message):
     rounds: int
     images: int
     images_total: int
+    commanded: int
 
 
 class PictureReport(_Message):
@@ -119,12 +121,16 @@ class TrainingReport(_Message):
 
 
 class PosesReport(_Message):
-    """How many pictures' poses were refined after the flight."""
+    """How many pictures' poses were refined after the flight.
+
+    ``unrefined`` are the indices of those that kept their pose from the flight.
+    """
 
     type: Literal["poses_refined"] = "poses_refined"
     at: str
     images: int
     refined: int
+    unrefined: list[int]
 
 
 class PreviewReport(_Message):
@@ -205,6 +211,23 @@ class PrioritiesReport(_Message):
     parts: list[PriorityPart]
 
 
+class PlanView(_Message):
+    """Which viewpoints the 3D scene shows, in every browser."""
+
+    type: Literal["plan_view_changed"] = "plan_view_changed"
+    at: str
+    shown: Literal["planned", "ring", "both"]
+
+
+class CommandReport(_Message):
+    """Which browser is in command and which one asks for it, by their ids; null for nobody."""
+
+    type: Literal["command_changed"] = "command_changed"
+    at: str
+    holder: str | None
+    asking: str | None
+
+
 class Note(_Message):
     """A line of the event log."""
 
@@ -237,6 +260,8 @@ ServerMessage = Annotated[
     | PickReport
     | DisagreementReport
     | PrioritiesReport
+    | PlanView
+    | CommandReport
     | Note
     | Missed,
     Field(discriminator="type"),
@@ -258,20 +283,52 @@ class TileShown(_Message):
     sequence: int
 
 
+# A browser's id, of its own making. Programs that share the command with nobody name none.
+Client = Annotated[str, Field(max_length=64)]
+
+
 class Heartbeat(_Message):
-    """The operator in command is there; sent every two seconds. Its absence is a failsafe."""
+    """The operator in command is there; sent every two seconds. Its absence is a failsafe.
+
+    While another browser is in command it counts for nothing.
+    """
 
     type: Literal["heartbeat"] = "heartbeat"
+    client: Client = ""
 
 
 class ReleaseCommand(_Message):
     """The operator leaves and the flight goes on: silence counts no longer."""
 
     type: Literal["release_command"] = "release_command"
+    client: Client = ""
+
+
+class TakeCommand(_Message):
+    """This browser is in command from now on, whoever was before."""
+
+    type: Literal["take_command"] = "take_command"
+    client: Client
+
+
+class AskCommand(_Message):
+    """This browser asks the one in command for it."""
+
+    type: Literal["ask_command"] = "ask_command"
+    client: Client
+
+
+class AnswerCommand(_Message):
+    """The browser in command hands it over to the one that asks, or keeps it."""
+
+    type: Literal["answer_command"] = "answer_command"
+    client: Client
+    grant: bool
 
 
 ClientMessage = Annotated[
-    ShowTiles | TileShown | Heartbeat | ReleaseCommand, Field(discriminator="type")
+    ShowTiles | TileShown | Heartbeat | ReleaseCommand | TakeCommand | AskCommand | AnswerCommand,
+    Field(discriminator="type"),
 ]
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Self
 from urllib.parse import quote
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Depends
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from server.api.command import CommandDesk
 from server.api.messages import PriorityPart as PriorityView
 from server.api.problems import described
 from server.api.translate import view_from_part
@@ -72,12 +73,14 @@ class PrioritySpec(BaseModel):
         return self
 
 
-def make_objects_router(mission: MissionControl) -> APIRouter:
+def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:
     """Return the routes of picks and priorities."""
     router = APIRouter(prefix="/api/v1", tags=["object"])
+    commanded = [Depends(desk.admit)]
 
     @router.put(
         "/drones/{drone_id}/object",
+        dependencies=commanded,
         operation_id="pickObject",
         responses=described(404, 409, 422),
     )
@@ -91,6 +94,7 @@ def make_objects_router(mission: MissionControl) -> APIRouter:
 
     @router.delete(
         "/drones/{drone_id}/object",
+        dependencies=commanded,
         operation_id="searchObject",
         status_code=204,
         responses=described(404),
@@ -107,6 +111,7 @@ def make_objects_router(mission: MissionControl) -> APIRouter:
 
     @router.post(
         "/plans/priorities",
+        dependencies=commanded,
         operation_id="addPriority",
         status_code=201,
         responses=described(404, 409, 422),
@@ -119,6 +124,7 @@ def make_objects_router(mission: MissionControl) -> APIRouter:
 
     @router.delete(
         "/plans/priorities",
+        dependencies=commanded,
         operation_id="dropPriorities",
         status_code=204,
         responses=described(),
@@ -130,6 +136,7 @@ def make_objects_router(mission: MissionControl) -> APIRouter:
 
     @router.delete(
         "/plans/priorities/{part_id}",
+        dependencies=commanded,
         operation_id="dropPriority",
         status_code=204,
         responses=described(404),

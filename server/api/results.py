@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query
-from fastapi.responses import FileResponse
-from pydantic import BaseModel
+from fastapi.responses import FileResponse, Response
+from pydantic import BaseModel, ConfigDict
 
 from server.api.captures import CaptureView, view_from_record
 from server.api.files import FoundFile, files_below, inside
@@ -19,6 +19,8 @@ from server.api.messages import Note
 from server.api.problems import described, json_safe
 from server.api.translate import message_from_event
 from server.mission.commands import MissionControl, UnknownError
+from server.mission.events import PlanProgressed, PlanViewChosen
+from server.stages import Assignment
 
 _SHOWN_INLINE = frozenset({".jpg", ".jpeg", ".png", ".mp4", ".json", ".jsonl", ".txt"})
 _TYPES = {
@@ -50,8 +52,20 @@ class PlannedViewpoint(BaseModel):
     yaw_rad: float
 
 
+class AnnealingStep(BaseModel):
+    """One report of the annealing: moves so far, temperature, best fitness."""
+
+    iteration: int
+    temperature: float | None
+    fitness: float | None
+
+
 class PlanView(BaseModel):
-    """A placement and who flies where; ``bound`` is the most any choice could reach."""
+    """A placement and who flies where; ``bound`` is the most any choice could reach.
+
+    ``annealing`` is how it was found, empty for the ring. ``ring`` is the standard ring around the
+    same object, to compare with; empty where it is what was chosen, or where it does not fit.
+    """
 
     capture_id: str | None
     at: datetime
@@ -60,6 +74,16 @@ class PlanView(BaseModel):
     candidates: int
     bound: float | None
     viewpoints: list[PlannedViewpoint]
+    annealing: list[AnnealingStep]
+    ring: list[PlannedViewpoint]
+
+
+class PlanViewChoice(BaseModel):
+    """Which viewpoints the 3D scene shows: those planned, the standard ring, or both."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    shown: Literal["planned", "ring", "both"]
 
 
 class Artifact(BaseModel):
@@ -91,7 +115,17 @@ def make_results_router(mission: MissionControl, journal: Journal, listing_limit
     @router.get("/plans", operation_id="listPlans", responses=described())
     async def list_plans() -> list[PlanView]:
         """Return the newest capture's newest plan; empty before there is one."""
-        return [] if journal.plan is None else [_plan_view(journal.plan)]
+        if journal.plan is None:
+            return []
+        return [_plan_view(journal.plan, journal.annealing)]
+
+    @router.put(
+        "/plans/view", operation_id="choosePlanView", status_code=204, responses=described(422)
+    )
+    async def choose_plan_view(choice: PlanViewChoice) -> Response:
+        """Choose which viewpoints the 3D scene shows; it is one scene for all who look."""
+        mission.events.publish(PlanViewChosen(choice.shown))
+        return Response(status_code=204)
 
     @router.get("/reconstructions", operation_id="listReconstructions", responses=described())
     async def list_reconstructions() -> list[CaptureView]:
@@ -152,18 +186,8 @@ def _file_response(file: Path) -> FileResponse:
     )
 
 
-def _plan_view(plan: KnownPlan) -> PlanView:
+def _plan_view(plan: KnownPlan, annealing: list[PlanProgressed]) -> PlanView:
     placement = plan.found.placement
-    viewpoints = [
-        PlannedViewpoint(
-            round_index=index,
-            drone_id=drone_id,
-            position_world=[float(value) for value in viewpoint.position_world],
-            yaw_rad=float(viewpoint.yaw_rad),
-        )
-        for index, assigned in enumerate(plan.found.assignment.rounds)
-        for drone_id, viewpoint in assigned.items()
-    ]
     return PlanView.model_validate(
         json_safe(
             {
@@ -173,7 +197,29 @@ def _plan_view(plan: KnownPlan) -> PlanView:
                 "terms": {name: float(value) for name, value in placement.terms.items()},
                 "candidates": placement.candidates,
                 "bound": placement.bound,
-                "viewpoints": [viewpoint.model_dump() for viewpoint in viewpoints],
+                "annealing": [
+                    {
+                        "iteration": step.iteration,
+                        "temperature": step.temperature,
+                        "fitness": step.fitness,
+                    }
+                    for step in annealing
+                ],
+                "viewpoints": _viewpoints(plan.found.assignment),
+                "ring": [] if plan.found.ring is None else _viewpoints(plan.found.ring),
             }
         )
     )
+
+
+def _viewpoints(assignment: Assignment) -> list[dict[str, object]]:
+    return [
+        PlannedViewpoint(
+            round_index=index,
+            drone_id=drone_id,
+            position_world=[float(value) for value in viewpoint.position_world],
+            yaw_rad=float(viewpoint.yaw_rad),
+        ).model_dump()
+        for index, assigned in enumerate(assignment.rounds)
+        for drone_id, viewpoint in assigned.items()
+    ]

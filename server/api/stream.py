@@ -19,16 +19,10 @@ from fastapi import APIRouter, WebSocket
 from pydantic import TypeAdapter, ValidationError
 from starlette.websockets import WebSocketDisconnect
 
+from server.api.command import CommandDesk, CommandMessage
 from server.api.config import StreamConfig
 from server.api.journal import Journal
-from server.api.messages import (
-    ClientMessage,
-    Heartbeat,
-    Missed,
-    ReleaseCommand,
-    ShowTiles,
-    TileShown,
-)
+from server.api.messages import ClientMessage, Missed, ShowTiles, TileShown
 from server.api.outbox import Outbox
 from server.mission.commands import MissionControl
 from server.mission.events import Event, Subscription
@@ -39,9 +33,7 @@ _UNSUPPORTED_DATA = 1003
 _POLICY_VIOLATION = 1008
 _INTERNAL_ERROR = 1011
 
-_client_message: TypeAdapter[ShowTiles | TileShown | Heartbeat | ReleaseCommand] = TypeAdapter(
-    ClientMessage
-)
+_client_message: TypeAdapter[ShowTiles | TileShown | CommandMessage] = TypeAdapter(ClientMessage)
 
 
 @dataclass(slots=True)
@@ -67,13 +59,19 @@ def standing_events(mission: MissionControl, journal: Journal, config: StreamCon
     known = {id(event) for event in standing}
     notes = [line.note for line in journal.newest(config.history)]
     captures = [record.status for record in reversed(mission.captures()[: config.captures])]
-    remembered = [*notes, *captures, *journal.pictures.values()]
+    remembered: list[Event] = [*notes, *captures, *journal.pictures.values()]
+    if journal.plan_view is not None:
+        remembered.append(journal.plan_view)
     # An event the mission keeps standing and the journal remembers is one and the same object.
     return [*(e for e in remembered if id(e) not in known), *standing, *mission.drones()]
 
 
 def make_stream_router(
-    mission: MissionControl, journal: Journal, config: StreamConfig, counts: StreamCounts
+    mission: MissionControl,
+    journal: Journal,
+    desk: CommandDesk,
+    config: StreamConfig,
+    counts: StreamCounts,
 ) -> APIRouter:
     """Return the router of the event stream."""
     router = APIRouter()
@@ -85,8 +83,9 @@ def make_stream_router(
         try:
             # Subscribed before the standing events are asked for, so that nothing falls between.
             with mission.events.subscribe(config.queue) as subscription:
-                outbox = Outbox(config.pending, standing_events(mission, journal, config))
-                await _Conversation(socket, subscription, outbox, mission, counts).run()
+                standing = [*desk.standing(), *standing_events(mission, journal, config)]
+                outbox = Outbox(config.pending, standing)
+                await _Conversation(socket, subscription, outbox, desk, counts).run()
         except Exception:
             # The supervisor of one client: whatever broke, only this client notices.
             logger.exception("the event stream of a client failed")
@@ -110,13 +109,13 @@ class _Conversation:
         socket: WebSocket,
         subscription: Subscription,
         outbox: Outbox,
-        mission: MissionControl,
+        desk: CommandDesk,
         counts: StreamCounts,
     ) -> None:
         self._socket = socket
         self._subscription = subscription
         self._outbox = outbox
-        self._mission = mission
+        self._desk = desk
         self._counts = counts
         self._work = asyncio.Event()
         self._work.set()
@@ -183,8 +182,6 @@ class _Conversation:
                     self._outbox.show(drone_ids)
                 case TileShown(drone_id=drone_id, sequence=sequence):
                     self._outbox.shown(drone_id, sequence)
-                case Heartbeat():
-                    self._mission.note_operator()
-                case ReleaseCommand():
-                    self._mission.release_operator()
+                case _:
+                    self._desk.take_message(message)
             self._work.set()

@@ -13,6 +13,7 @@ from server.api import messages
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
+    CommandChanged,
     DroneReported,
     Event,
     FailsafeFired,
@@ -22,6 +23,7 @@ from server.mission.events import (
     ObjectPointedOut,
     PlanFound,
     PlanProgressed,
+    PlanViewChosen,
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
@@ -64,6 +66,7 @@ def message_from_event(event: Event) -> BaseModel | None:
                 at=_iso(event.at),
                 images=len(event.refined),
                 refined=int(event.refined.sum()),
+                unrefined=[index for index, done in enumerate(event.refined) if not done],
             )
         case PreviewRendered():
             return messages.PreviewReport(at=_iso(event.at), image=_data_url(event.jpeg))
@@ -73,6 +76,12 @@ def message_from_event(event: Event) -> BaseModel | None:
             return _failsafe(event)
         case ObjectPointedOut() | ViewsDisagree() | PrioritiesChanged():
             return _shown(event)
+        case PlanViewChosen():
+            return messages.PlanView(at=_iso(event.at), shown=event.shown)
+        case CommandChanged():
+            return messages.CommandReport(
+                at=_iso(event.at), holder=event.holder, asking=event.asking
+            )
         case Noted():
             return messages.Note(
                 at=_iso(event.at), level=event.level, text=event.text, drone_id=event.drone_id
@@ -105,6 +114,7 @@ def _drone(event: DroneReported) -> messages.DroneReport:
         video_age_s=event.video_age_s,
         video_fps=event.video_fps,
         position_sigma_m=event.position_sigma_m,
+        video_wanted=event.video_wanted,
     )
 
 
@@ -124,6 +134,7 @@ def _capture(event: CaptureChanged) -> messages.CaptureReport:
         rounds=event.rounds,
         images=event.images,
         images_total=event.images_total,
+        commanded=event.commanded,
     )
 
 

@@ -11,6 +11,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from server.api.captures import make_captures_router
+from server.api.command import CommandDesk
 from server.api.config import ApiConfig
 from server.api.dashboard import make_dashboard_router
 from server.api.door import Door, DoorKeeper
@@ -23,6 +24,7 @@ from server.api.problems import Problem, described, install_problems
 from server.api.results import make_results_router
 from server.api.safety import make_safety_router
 from server.api.scene_bridge import make_scene_router
+from server.api.setup import make_setup_router
 from server.api.stream import StreamCounts, make_stream_router
 from server.mission.commands import MissionControl
 from server.stages import StopControl
@@ -50,17 +52,22 @@ def make_web(
     """
     config = config or ApiConfig()
     journal, counts = Journal(config.notes), StreamCounts()
+    desk = CommandDesk(mission, config.lapse_s)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         for event in mission.standing():
             journal.record(event)
-        follower = asyncio.create_task(journal.follow(mission.events), name="event log")
+        tasks = [
+            asyncio.create_task(journal.follow(mission.events), name="event log"),
+            asyncio.create_task(desk.watch(), name="command"),
+        ]
         try:
             yield
         finally:
-            follower.cancel()
-            await asyncio.gather(follower, return_exceptions=True)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     # FastAPI's documentation pages load scripts from elsewhere, so they are off.
     web = FastAPI(
@@ -78,12 +85,13 @@ def make_web(
         return openapi_document(web)
 
     install_problems(web)
-    web.include_router(make_drones_router(mission, stops, config.command_wait_s))
+    web.include_router(make_drones_router(mission, stops, desk, config.command_wait_s))
     web.include_router(make_safety_router(mission))
-    web.include_router(make_objects_router(mission))
-    web.include_router(make_captures_router(mission))
+    web.include_router(make_objects_router(mission, desk))
+    web.include_router(make_setup_router(mission))
+    web.include_router(make_captures_router(mission, desk))
     web.include_router(make_results_router(mission, journal, config.artifacts))
-    web.include_router(make_stream_router(mission, journal, config.stream, counts))
+    web.include_router(make_stream_router(mission, journal, desk, config.stream, counts))
     web.include_router(make_health_router(mission, journal, counts, version))
     web.include_router(make_scene_router(scene_port))
     web.include_router(make_dashboard_router(dist))

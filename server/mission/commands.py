@@ -88,6 +88,48 @@ class CaptureRecord:
     metrics: dict[str, object] | None
 
 
+@dataclass(frozen=True, slots=True)
+class StartPlace:
+    """Where a drone is set down before a flight.
+
+    Attributes:
+        drone_id: Which drone.
+        name: Its display name.
+        colour: Its display colour, ``#rrggbb``.
+        address: Where it is reached; empty when it is searched for.
+        serial: Its serial number; empty means any.
+        x_m: Place on the floor, world metres from the middle of the start circle.
+        y_m: Likewise; +X is where drone 1 nominally stands, +Y is to its right as it looks in.
+        yaw_rad: Heading, counter-clockwise from +X.
+    """
+
+    drone_id: str
+    name: str
+    colour: str
+    address: str
+    serial: str
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class FloorPlan:
+    """Where everything is before a flight.
+
+    Attributes:
+        start_radius_m: Radius of the start circle; the object stands in its middle.
+        fence_radius_m: No drone flies farther from the middle than this.
+        ceiling_m: Nor higher.
+        places: The drones' places, in fleet order.
+    """
+
+    start_radius_m: float
+    fence_radius_m: float
+    ceiling_m: float
+    places: tuple[StartPlace, ...]
+
+
 class MissionControl(Protocol):
     """What console and shell may do; every method is called on the event loop.
 
@@ -188,6 +230,23 @@ class MissionControl(Protocol):
 
     def release_operator(self) -> None:
         """Fly on without an operator: nobody's silence counts until the next sign of life."""
+        ...
+
+    async def delete_capture(self, capture_id: str) -> None:
+        """Delete a capture and its run folder for good.
+
+        Raises:
+            UnknownError: If there is no such capture.
+            RefusedError: If it is not over yet, or its folder cannot be deleted.
+        """
+        ...
+
+    def floor_plan(self) -> FloorPlan:
+        """Return where the drones are set down."""
+        ...
+
+    def configuration(self) -> Mapping[str, object]:
+        """Return by group the frozen config that flies, the groups named as in the settings."""
         ...
 
     def run_folder(self, capture_id: str) -> Path:

@@ -11,8 +11,9 @@ import contextlib
 import dataclasses
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
+    FloorPlan,
     PointedPlace,
     RefusedError,
     UnknownError,
@@ -53,9 +55,10 @@ from server.mission.mission import Mission, MissionTools
 from server.mission.pilot import Pilot
 from server.mission.pointing import Pointing
 from server.mission.priorities import Priorities
+from server.mission.start_places import start_place
 from server.recording.config import RecordingConfig
 from server.recording.repair import repair_all
-from server.store.runs import RunFolder, list_runs
+from server.store.runs import RunFolder, delete_run, list_runs
 from server.swarm.drone import Drone
 from server.swarm.errors import DroneError
 from server.swarm.failsafes import Failsafe
@@ -265,6 +268,18 @@ class Control:
         """Return the run folder of a capture; raises UnknownError."""
         return Path(self.capture(capture_id).status.run)
 
+    def floor_plan(self) -> FloorPlan:
+        """Return where the drones are set down."""
+        fleet, safety = self._fleet.config, self._config.safety
+        drones = [drone.config for drone in self._fleet.drones.values()]
+        places = tuple(start_place(drone, fleet.start_radius_m) for drone in drones)
+        return FloorPlan(fleet.start_radius_m, safety.fence_radius_m, safety.ceiling_m, places)
+
+    def configuration(self) -> Mapping[str, object]:
+        """Return by group the frozen config that flies."""
+        pieces = {field.name: getattr(self._config, field.name) for field in fields(self._config)}
+        return pieces if self._recording is None else {**pieces, "recording": self._recording}
+
     # -- what may be done ---------------------------------------------------------------------
 
     async def command_drone(self, drone_id: str, command: DroneCommand) -> None:
@@ -356,6 +371,19 @@ class Control:
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
         return self._steer(capture_id, lambda mission: mission.abort("aborted by the operator"))
+
+    async def delete_capture(self, capture_id: str) -> None:
+        """Delete a capture and its run folder; raises UnknownError or RefusedError."""
+        folder = self.run_folder(capture_id)
+        flown, recorded = self._mission_task, self._recording_task
+        current = self._mission is not None and self._mission.run_folder.id == capture_id
+        if current and any(task is not None and not task.done() for task in (flown, recorded)):
+            raise RefusedError("this capture is not over; abort it first")
+        del self._records[capture_id]
+        try:
+            await asyncio.to_thread(delete_run, folder)
+        except (OSError, ValueError) as error:
+            raise RefusedError(f"not all of it could be deleted: {error}") from error
 
     async def wait_for_capture(self, capture_id: str) -> CaptureRecord:
         """Return the capture's record once it has ended; raises UnknownError."""

@@ -47,6 +47,7 @@ class DroneReported:
         video_age_s: Seconds since the last picture, None before the first.
         video_fps: Pictures per second over the last seconds.
         position_sigma_m: Uncertainty of the believed position.
+        video_wanted: False while its video is switched off on purpose, on the ground.
     """
 
     drone_id: str
@@ -63,6 +64,7 @@ class DroneReported:
     video_fps: float
     position_sigma_m: float | None
     at: datetime = field(default_factory=_now)
+    video_wanted: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,11 +144,19 @@ class PlanProgressed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanFound:
-    """A placement was found and its viewpoints assigned to drones."""
+    """A placement was found and its viewpoints assigned to drones.
+
+    Attributes:
+        placement: What was chosen.
+        assignment: Who flies where.
+        ring: The standard ring around the same object, to compare with; None where it is what was
+            chosen, or where it does not fit.
+    """
 
     placement: Placement
     assignment: Assignment
     at: datetime = field(default_factory=_now)
+    ring: Assignment | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,6 +256,7 @@ class CaptureChanged:
         rounds: Rounds planned.
         images: Pictures taken.
         images_total: Pictures planned.
+        commanded: Viewpoints the drones were sent to so far.
     """
 
     id: str
@@ -261,6 +272,7 @@ class CaptureChanged:
     images: int
     images_total: int
     at: datetime = field(default_factory=_now)
+    commanded: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -320,6 +332,32 @@ class PrioritiesChanged:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlanViewChosen:
+    """Somebody chose which viewpoints the 3D scene shows; it is one scene for all who look.
+
+    Attributes:
+        shown: ``planned``, the standard ``ring`` to compare with, or ``both``.
+    """
+
+    shown: Literal["planned", "ring", "both"]
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommandChanged:
+    """Another browser is in command now, or one asks for the command.
+
+    Attributes:
+        holder: Who is in command, None for nobody.
+        asking: Who asks for it, None for nobody.
+    """
+
+    holder: str | None
+    asking: str | None
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Noted:
     """A line for the operator's event log.
 
@@ -352,6 +390,8 @@ Event = (
     | ObjectPointedOut
     | ViewsDisagree
     | PrioritiesChanged
+    | PlanViewChosen
+    | CommandChanged
     | Noted
 )
 

@@ -130,6 +130,7 @@ class Mission:
         return self._recorder.status(
             self._state.progress,
             self._photographer.taken,
+            self._state.commanded,
             self._reconstruction.seconds_total(),
             self._reconstruction.seconds_left(),
         )

@@ -30,7 +30,7 @@ from server.stages import Box, CameraPose, SeedGeometry, Setpoint, Viewpoint
 from server.swarm.fleet import Fleet
 from server.swarm.safety import flight_readings, limit_setpoint
 from server.vision.expectation import expected_region
-from server.vision.localization import TargetEstimate, TargetEstimator, prior_target
+from server.vision.target import TargetEstimate, TargetEstimator, prior_target
 
 Array = NDArray[np.float64]
 
@@ -206,6 +206,7 @@ class Pilot:
             video_age_s=None if frame is None else now_s - frame.captured_s,
             video_fps=drone.video_fps,
             position_sigma_m=pose.position_sigma_m,
+            video_wanted=drone.video_wanted,
         )
 
     # -- the loop -----------------------------------------------------------------------------
@@ -225,7 +226,7 @@ class Pilot:
     def observe(self, now_s: float) -> TargetEstimate:
         """Take what drones and eyes have new, tell the eyes what to expect; return the target."""
         for wing in self._wings.values():
-            wing.observe(self._target)
+            wing.observe(self._target, self.seed)
         target = self._target.estimate()
         for wing in self._wings.values():
             camera = wing.drone.config.intrinsics

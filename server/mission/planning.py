@@ -20,7 +20,8 @@ from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Noted, PlanFound, PlanProgressed
 from server.mission.priorities import Priorities
-from server.planner.ring import ring_assignment, standard_ring
+from server.planner.errors import PlanError
+from server.planner.ring import Rounds, ring_assignment, standard_ring
 from server.stages import Assignment, CameraPose, Placement, SeedGeometry
 from server.swarm.config import DroneConfig
 
@@ -70,7 +71,8 @@ class Planning:
             await self.cancel()
             return self._ring(seed, poses, camera, rounds)
         assignment = result.assignment()
-        self._events.publish(PlanFound(result.placement(), assignment))
+        ring = self._ring_to_compare(seed, poses, camera, rounds)
+        self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
         return assignment
 
     @property
@@ -95,7 +97,8 @@ class Planning:
             await self.cancel()
             return None
         assignment = result.assignment()
-        self._events.publish(PlanFound(result.placement(), assignment))
+        ring = self._ring_to_compare(seed, poses, camera, rounds)
+        self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
         return assignment
 
     async def cancel(self) -> None:
@@ -140,6 +143,18 @@ class Planning:
                 return PlanResult.model_validate(event)
         raise JobFailedError("the planner ended without a plan")
 
+    def _ring_to_compare(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> Assignment | None:
+        try:
+            return ring_assignment(list(poses), self._ring_views(seed, poses, camera, rounds))
+        except PlanError:
+            return None
+
     def _ring(
         self,
         seed: SeedGeometry,
@@ -147,8 +162,21 @@ class Planning:
         camera: DroneConfig,
         rounds: int,
     ) -> Assignment:
+        viewpoints = self._ring_views(seed, poses, camera, rounds)
+        assignment = ring_assignment(list(poses), viewpoints)
+        chosen = tuple(view for entry in viewpoints for view in entry)
+        self._events.publish(PlanFound(Placement(chosen, 0.0, {}, len(chosen)), assignment))
+        return assignment
+
+    def _ring_views(
+        self,
+        seed: SeedGeometry,
+        poses: Mapping[str, CameraPose],
+        camera: DroneConfig,
+        rounds: int,
+    ) -> Rounds:
         offsets = [pose.position_world - seed.outer.centre for pose in poses.values()]
-        viewpoints = standard_ring(
+        return standard_ring(
             seed.outer,
             len(poses),
             rounds,
@@ -157,7 +185,3 @@ class Planning:
             self._config.planner,
             [float(np.arctan2(offset[1], offset[0])) for offset in offsets],
         )
-        assignment = ring_assignment(list(poses), viewpoints)
-        chosen = tuple(view for entry in viewpoints for view in entry)
-        self._events.publish(PlanFound(Placement(chosen, 0.0, {}, len(chosen)), assignment))
-        return assignment

@@ -45,13 +45,19 @@ class CaptureRecorder:
         self.seconds[phase.value] = self.seconds.get(phase.value, 0.0) + seconds
 
     def status(
-        self, progress: Progress, images: int, train_total_s: float, train_left_s: float
+        self,
+        progress: Progress,
+        images: int,
+        commanded: int,
+        train_total_s: float,
+        train_left_s: float,
     ) -> CaptureChanged:
         """Return the capture as it stands.
 
         Args:
             progress: Its place in its course.
             images: Pictures on disk.
+            commanded: Viewpoints the drones were sent to.
             train_total_s: Expected length of the reconstruction.
             train_left_s: What is left of it.
         """
@@ -69,6 +75,7 @@ class CaptureRecorder:
             rounds=progress.rounds,
             images=images,
             images_total=self._request.pictures,
+            commanded=commanded,
         )
 
     def save(self, status: CaptureChanged, progress: Progress, seed: SeedGeometry | None) -> None:

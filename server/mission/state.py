@@ -22,6 +22,7 @@ class MissionState:
         assignment: Who goes where; rows before the present round are history.
         captured: Identities of the viewpoints whose picture is on disk.
         missed_once: True once the viewpoints without a clean picture have had their second chance.
+        commanded: How many viewpoints the drones were sent to so far.
     """
 
     drones: tuple[str, ...]
@@ -32,6 +33,7 @@ class MissionState:
     assignment: Assignment = field(default_factory=lambda: Assignment(()))
     captured: set[int] = field(default_factory=set[int])
     missed_once: bool = False
+    commanded: int = 0
 
     @property
     def object_box(self) -> Box3 | None:

@@ -230,6 +230,7 @@ class Steps:
 
     async def _fly(self) -> None:
         """Go to this round's viewpoints, saving key frames on the way."""
+        self._state.commanded += len(self._viewpoints())
         for drone_id, viewpoint in self._viewpoints().items():
             self._tools.pilot.fly(drone_id, viewpoint)
         await self._until(

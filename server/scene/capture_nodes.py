@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from server.geometry.cameras import Intrinsics
 from server.mission.events import (
     CaptureTaken,
     PlanFound,
+    PlanViewChosen,
     PosesRefined,
     PreviewRendered,
     PrioritiesChanged,
@@ -20,6 +22,7 @@ from server.mission.events import (
 )
 from server.scene.config import SceneConfig
 from server.scene.shapes import Rgb, box_edges, dimmed, node_name, picture_from_jpeg, placed
+from server.stages import Assignment, Viewpoint
 
 _OUTER: Rgb = (240, 190, 40)
 _SLICE: Rgb = (200, 160, 90)
@@ -52,6 +55,8 @@ class CaptureLayer:
         self._colours: dict[str, Rgb] = {}
         self._boxes: dict[str, LineSegmentsHandle] = {}
         self._planned: dict[str, _Planned] = {}
+        self._ring: list[CameraFrustumHandle] = []
+        self._shown: Literal["planned", "ring", "both"] = "planned"
         self._pictures: dict[int, CameraFrustumHandle] = {}
         self._preview: CameraFrustumHandle | None = None
 
@@ -66,11 +71,13 @@ class CaptureLayer:
         self._capture_id = capture_id
         nodes = [*self._boxes.values(), *self._pictures.values()]
         nodes += [planned.node for planned in self._planned.values()]
+        nodes += self._ring
         if self._preview is not None:
             nodes.append(self._preview)
         for node in nodes:
             node.visible = False
         self._planned.clear()
+        self._ring.clear()
         self._pictures.clear()
         return True
 
@@ -85,22 +92,47 @@ class CaptureLayer:
         self._draw_boxes("priorities", boxes, _PRIORITY, 4.0)
 
     def draw_plan(self, event: PlanFound) -> None:
-        """Draw the planned viewpoints, each in its drone's colour; the former plan is hidden."""
+        """Draw the planned viewpoints in their drones' colours, and the ring to compare with.
+
+        The former plan is hidden.
+        """
+        for node in (*(planned.node for planned in self._planned.values()), *self._ring):
+            node.visible = False
+        self._planned = {
+            name: _Planned(node, drone_id, viewpoint.position_world)
+            for name, drone_id, viewpoint, node in self._viewpoints("/plan", event.assignment)
+        }
+        ring = [] if event.ring is None else self._viewpoints("/ring", event.ring)
+        self._ring = [node for *_, node in ring]
+        self._show_chosen()
+
+    def choose(self, event: PlanViewChosen) -> None:
+        """Show the planned viewpoints, the ring, or both."""
+        self._shown = event.shown
+        self._show_chosen()
+
+    def _show_chosen(self) -> None:
         for planned in self._planned.values():
-            planned.node.visible = False
-        self._planned.clear()
+            planned.node.visible = self._shown != "ring"
+        for node in self._ring:
+            node.visible = self._shown != "planned"
+
+    def _viewpoints(
+        self, below: str, assignment: Assignment
+    ) -> list[tuple[str, str, Viewpoint, CameraFrustumHandle]]:
+        """Draw viewpoints below a node; returns name, drone, viewpoint and node of each."""
         camera, tilt_rad = self._config.planned_intrinsics, self._config.planned_tilt_rad
-        for index, assigned in enumerate(event.assignment.rounds):
+        drawn = []
+        for index, assigned in enumerate(assignment.rounds):
             for drone_id, viewpoint in assigned.items():
-                name = f"/plan/{index:02d}/{node_name(drone_id)}"
+                name = f"{below}/{index:02d}/{node_name(drone_id)}"
+                colour = self._colours.get(drone_id, _UNKNOWN)
+                pose, size = viewpoint.T_world_cam(tilt_rad), self._config.small_frustum_m
                 node = self._frustum(
-                    name,
-                    camera,
-                    viewpoint.T_world_cam(tilt_rad),
-                    self._config.small_frustum_m,
-                    self._colours.get(drone_id, _UNKNOWN),
+                    name, camera, pose, size, dimmed(colour) if below == "/ring" else colour
                 )
-                self._planned[name] = _Planned(node, drone_id, viewpoint.position_world)
+                drawn.append((name, drone_id, viewpoint, node))
+        return drawn
 
     def draw_picture(self, event: CaptureTaken) -> None:
         """Draw a picture where it was taken and dim the viewpoint it was planned for."""

@@ -14,6 +14,7 @@ from server.mission.events import (
     Event,
     FrameAnnotated,
     PlanFound,
+    PlanViewChosen,
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
@@ -51,6 +52,8 @@ class Mailbox:
                 slot = ("priorities", None)
             case PlanFound():
                 slot = ("plan", None)
+            case PlanViewChosen():
+                slot = ("plan view", None)
             case PosesRefined():
                 slot = ("refined", None)
             case PreviewRendered():

@@ -25,6 +25,7 @@ from server.mission.events import (
     EventStream,
     FrameAnnotated,
     PlanFound,
+    PlanViewChosen,
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
@@ -92,6 +93,8 @@ class Stage:
                 self._captures.draw_priorities(event)
             case PlanFound():
                 self._captures.draw_plan(event)
+            case PlanViewChosen():
+                self._captures.choose(event)
             case CaptureTaken():
                 self._captures.draw_picture(event)
             case PosesRefined():

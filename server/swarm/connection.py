@@ -129,6 +129,11 @@ class Connection:
         self._pictures.want(on, self._clock())
         self._asking.command("streamon" if on else "streamoff")
 
+    @property
+    def video_wanted(self) -> bool:
+        """True while the video is meant to be on."""
+        return self._pictures.wanted
+
     def observe_state(self, telemetry: Telemetry) -> None:
         """Take the newest report; one after a silence or with a younger motor clock is a reboot."""
         since_s, motor_s = self._state_s, self._motor_s

@@ -197,6 +197,11 @@ class Drone:
         """Decoded pictures per second over the last seconds."""
         return self._pictures.fps
 
+    @property
+    def video_wanted(self) -> bool:
+        """False while the video is off on purpose; True also before anything was heard of it."""
+        return self._connection.video_wanted or self.newest_frame is None
+
     async def next_frame(self, after: int) -> Frame:
         """Return the newest picture whose sequence exceeds ``after``, waiting for one if need be.
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import shutil
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,10 +21,13 @@ from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
+    FloorPlan,
     PointedPlace,
     RefusedError,
+    StartPlace,
     UnknownError,
 )
+from server.mission.config import MissionConfig
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
@@ -57,6 +62,8 @@ def jpeg(width: int = 640, height: int = 480, grey: int = 100) -> bytes:
     return data.tobytes()
 
 
+# On the circle, looking in: x, y in metres and the heading in radians.
+_PLACES = ((1.8, 0.0, 3.1416), (0.0, 1.8, -1.5708), (-1.8, 0.0, 0.0), (0.0, -1.8, 1.5708))
 JPEG = jpeg()
 THUMBNAIL = jpeg(160, 120)
 
@@ -71,6 +78,7 @@ def drone_report(
     battery_pct: int | None = 80,
     activity: str = "flying",
     video_age_s: float = 0.03,
+    video_wanted: bool = True,
 ) -> DroneReported:
     return DroneReported(
         drone_id=drone_id,
@@ -86,6 +94,7 @@ def drone_report(
         video_age_s=video_age_s,
         video_fps=29.7,
         position_sigma_m=0.05,
+        video_wanted=video_wanted,
     )
 
 
@@ -227,6 +236,7 @@ class FakeMission:
     checks: list[Check] = field(default_factory=checklist)
     table: FailsafeTable = field(default_factory=FailsafeTable)
     operator: list[str] = field(default_factory=list)
+    mission_config: MissionConfig = field(default_factory=MissionConfig)
     parts: dict[str, PriorityPart] = field(default_factory=dict)
 
     def drones(self) -> list[DroneReported]:
@@ -310,6 +320,22 @@ class FakeMission:
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         return await self._change(capture_id, "running", "aborted")
+
+    async def delete_capture(self, capture_id: str) -> None:
+        if self.capture(capture_id).status.state == "running":
+            raise RefusedError("this capture is not over; abort it first")
+        del self.records[capture_id]
+        shutil.rmtree(self.runs / capture_id, ignore_errors=True)
+
+    def floor_plan(self) -> FloorPlan:
+        places = tuple(
+            StartPlace(d, d.title(), COLOURS[d], f"192.0.2.{n}", "", *place)
+            for n, (d, place) in enumerate(zip(DRONES, _PLACES, strict=True), start=1)
+        )
+        return FloorPlan(1.8, 4.5, 3.0, places)
+
+    def configuration(self) -> Mapping[str, object]:
+        return {"mission": self.mission_config}
 
     def run_folder(self, capture_id: str) -> Path:
         self.capture(capture_id)

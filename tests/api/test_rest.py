@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import httpx
@@ -13,7 +15,8 @@ from fake_mission import DRONES, JPEG, capture_changed, frame, plan_found
 from served_console import Console, until
 
 from server.mission.commands import CaptureRequest
-from server.mission.events import Noted
+from server.mission.config import MissionConfig
+from server.mission.events import Noted, PlanProgressed, PlanViewChosen
 
 pytestmark = pytest.mark.loopback
 
@@ -223,6 +226,91 @@ def make_run(console: Console) -> Path:
     (folder / "link.txt").symlink_to(console.mission.runs / "secret.txt")
     console.mission.keep(capture_changed("run-1", "succeeded"))
     return folder
+
+
+async def test_the_ring_stands_beside_the_plan_to_compare_with(console: Console) -> None:
+    console.mission.keep(capture_changed("run-1"))
+    plan = plan_found()
+    compared = replace(plan, ring=plan_found(rounds=1).assignment)
+    async with console.client() as client:
+        for event, views in ((plan, 0), (compared, 4)):
+            console.mission.events.publish(event)
+            await asyncio.sleep(0)
+            (told,) = (await client.get("/api/v1/plans")).json()
+            assert len(told["ring"]) == views
+            assert len(told["viewpoints"]) == 8
+
+
+async def test_a_plan_tells_how_it_was_found(console: Console) -> None:
+    def progressed(iteration: int, fitness: float) -> PlanProgressed:
+        return PlanProgressed(iteration, 4000, 1e-3, fitness)
+
+    console.mission.events.publish(capture_changed("run-1"))
+    for event in (progressed(0, 0.1), progressed(2000, 0.2), progressed(0, 0.6)):
+        console.mission.events.publish(event)
+    console.mission.events.publish(progressed(2000, 0.7))
+    console.mission.events.publish(plan_found())
+    async with console.client() as client:
+        (plan,) = (await client.get("/api/v1/plans")).json()
+    # An annealing that begins anew leaves nothing of the last one.
+    assert [step["fitness"] for step in plan["annealing"]] == [0.6, 0.7]
+    assert [step["iteration"] for step in plan["annealing"]] == [0, 2000]
+
+
+async def test_the_scene_shows_what_was_chosen(console: Console) -> None:
+    with console.mission.events.subscribe() as subscription:
+        async with console.client() as client:
+            for shown in ("ring", "both", "planned"):
+                answer = await client.put("/api/v1/plans/view", json={"shown": shown})
+                assert answer.status_code == 204
+                event = await anext(aiter(subscription))
+                assert isinstance(event, PlanViewChosen)
+                assert event.shown == shown
+            is_problem(await client.put("/api/v1/plans/view", json={"shown": "nothing"}), 422)
+
+
+async def test_a_capture_is_deleted_once_it_is_over(console: Console) -> None:
+    folder = console.mission.runs / "run-1"
+    folder.mkdir(parents=True)
+    console.mission.keep(capture_changed("run-1", "running"))
+    async with console.client() as client:
+        is_problem(await client.delete("/api/v1/captures/run-1"), 409)
+        assert folder.is_dir()
+        console.mission.keep(capture_changed("run-1", "succeeded"))
+        assert (await client.delete("/api/v1/captures/run-1")).status_code == 204
+        assert not folder.exists()
+        is_problem(await client.delete("/api/v1/captures/run-1"), 404)
+        assert (await client.get("/api/v1/captures")).json() == []
+
+
+async def test_the_floor_plan_says_where_each_drone_stands(console: Console) -> None:
+    async with console.client() as client:
+        plan = (await client.get("/api/v1/fleet")).json()
+    assert [place["drone_id"] for place in plan["places"]] == list(DRONES)
+    assert plan["start_radius_m"] == 1.8
+    for place in plan["places"]:
+        assert math.hypot(place["x_m"], place["y_m"]) == pytest.approx(1.8)
+        ahead = (math.cos(place["yaw_rad"]), math.sin(place["yaw_rad"]))
+        inwards = (-place["x_m"] / 1.8, -place["y_m"] / 1.8)
+        assert ahead == pytest.approx(inwards, abs=1e-3)
+
+
+async def test_settings_are_told_with_their_meaning(console: Console) -> None:
+    console.mission.mission_config = MissionConfig(control_rate_hz=10.0)
+    async with console.client() as client:
+        settings = (await client.get("/api/v1/settings")).json()
+    rate = next(each for each in settings if each["name"] == "control_rate_hz")
+    assert rate == {
+        "group": "mission",
+        "name": "control_rate_hz",
+        "value": 10.0,
+        "default": 15.0,
+        "meaning": "How often setpoints are computed and sent.",
+        "variable": "DRONERF_MISSION__CONTROL_RATE_HZ",
+        "least": None,
+        "more_than": 0.0,
+        "most": None,
+    }
 
 
 async def test_artifacts_are_listed_and_handed_out(console: Console) -> None:

@@ -116,7 +116,7 @@ async def _film(
 
 
 def _noisy(image: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """No camera gives the same picture twice; coded alike, it would pass for a repeated datagram."""
+    """Return the picture as no camera gives it twice; datagrams alike would pass for copies."""
     noise = rng.integers(-2, 3, image.shape, dtype=np.int16)
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 

@@ -29,6 +29,7 @@ from server.mission.events import (
     EventStream,
     FrameAnnotated,
     PlanFound,
+    PlanViewChosen,
     PoseEstimated,
     PosesRefined,
     PreviewRendered,
@@ -233,6 +234,27 @@ def test_a_new_plan_hides_the_old_one(drawn: Drawn) -> None:
     drawn.draw(pose(), plan(0.0, 1.0, 2.0), plan(0.5))
     visible = [drawn.node(f"/plan/{index:02d}/d1").visible for index in range(3)]
     assert visible == [True, False, False]
+
+
+def test_the_ring_is_shown_beside_the_plan_or_instead_of_it(drawn: Drawn) -> None:
+    compared = replace(plan(0.0, 1.0), ring=plan(0.5).assignment)
+    drawn.draw(capture_changed("run-1"), pose(), compared)
+
+    def shown() -> tuple[bool, bool]:
+        return drawn.node("/plan/01/d1").visible, drawn.node("/ring/00/d1").visible
+
+    assert shown() == (True, False)
+    drawn.draw(PlanViewChosen("ring"))
+    assert shown() == (False, True)
+    drawn.draw(PlanViewChosen("both"))
+    assert shown() == (True, True)
+    # What was chosen stands for the next plan, too, and an old ring goes with its plan.
+    drawn.draw(PlanViewChosen("ring"), replace(plan(0.0, 1.0), ring=plan(0.5).assignment))
+    assert shown() == (False, True)
+    drawn.draw(plan(0.0, 1.0))
+    assert not drawn.node("/ring/00/d1").visible
+    drawn.draw(PlanViewChosen("planned"), capture_changed("run-2"))
+    assert shown() == (False, False)
 
 
 def test_refined_poses_move_the_pictures(drawn: Drawn) -> None:

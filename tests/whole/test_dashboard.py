@@ -59,6 +59,7 @@ def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
             arg=before,
         )
 
+        page.get_by_test_id("screen-plan").click()
         # The scene's own viewer lists the nodes it was sent once its socket is connected.
         scene = page.frame_locator("[data-testid=scene-frame]")
         expect(scene.locator("canvas").first).to_be_attached()

@@ -1,39 +1,42 @@
-import { useEffect, useState } from "react";
+import { useEffect, useRef, useState } from "react";
 import type { CaptureRequest } from "./api/captures";
 import { useConsole, useOperator } from "./context";
-import { FailsafePanel } from "./failsafe/FailsafePanel";
-import { FieldPanel } from "./field/FieldPanel";
-import { FlyPanel } from "./fly/FlyPanel";
+import { useFailsafeTable } from "./failsafe/useFailsafeTable";
+import { FlyScreen } from "./fly/FlyScreen";
 import { Header } from "./Header";
-import { EventLog } from "./log/EventLog";
-import { Filmstrip } from "./mission/Filmstrip";
-import { MissionPanel } from "./mission/MissionPanel";
+import { LibraryScreen } from "./library/LibraryScreen";
+import { PlanScreen } from "./plan/PlanScreen";
 import { PreflightSheet } from "./preflight/PreflightSheet";
-import { ScenePanel } from "./scene/ScenePanel";
+import { ReconstructScreen } from "./reconstruct/ReconstructScreen";
+import { SetupScreen } from "./setup/SetupScreen";
+import { screenOfHash, screenWord, useHash, type Screen } from "./shell/screens";
+import { words } from "./text/words";
 
-/** The whole console: stops above, then drones, scene with field, and mission with events. */
+/** The whole console: stops above, then one of the five screens. */
 export function App() {
-  useVideoWhileVisible();
+  const { screen, rest } = screenOfHash(useHash());
   const [preparing, setPreparing] = useState<CaptureRequest | null>(null);
+  const main = useRef<HTMLElement>(null);
+  useFailsafeTable();
+  useVideoWhileSeen(screen === "fly");
+  useNewScreen(screen, main);
   return (
     <>
-      <Header />
+      <Header screen={screen} />
       <div className="below">
         {/* A sheet lies over all of this, and over none of the stops. */}
-        <main className="console" inert={preparing !== null}>
-          <div className="column column-drones">
-            <FlyPanel />
-            <Filmstrip />
-          </div>
-          <div className="column column-scene">
-            <ScenePanel />
-            <FieldPanel />
-          </div>
-          <div className="column column-mission">
-            <MissionPanel onPrepare={setPreparing} />
-            <FailsafePanel />
-            <EventLog />
-          </div>
+        <main
+          ref={main}
+          className={`console console-${screen}`}
+          aria-label={screenWord(screen)}
+          tabIndex={-1}
+          inert={preparing !== null}
+        >
+          {screen === "fly" && <FlyScreen onPrepare={setPreparing} />}
+          {screen === "plan" && <PlanScreen />}
+          {screen === "reconstruct" && <ReconstructScreen />}
+          {screen === "library" && <LibraryScreen captureId={rest} />}
+          {screen === "setup" && <SetupScreen />}
         </main>
         {preparing !== null && (
           <PreflightSheet
@@ -48,15 +51,27 @@ export function App() {
   );
 }
 
-/** Have pictures sent only while the page can be seen. */
-function useVideoWhileVisible(): void {
+/** Name the page after its screen, and let the keyboard go on from there. */
+function useNewScreen(screen: Screen, main: React.RefObject<HTMLElement | null>): void {
+  const before = useRef(screen);
+  useEffect(() => {
+    document.title = words.screens.page(screenWord(screen));
+    if (before.current === screen) return;
+    before.current = screen;
+    main.current?.scrollTo(0, 0);
+    main.current?.focus({ preventScroll: true });
+  }, [screen, main]);
+}
+
+/** Have pictures sent only while they can be seen. */
+function useVideoWhileSeen(shown: boolean): void {
   const operator = useOperator();
   const ids = useConsole((state) => [...state.drones.keys()].join("\n"));
   useEffect(() => {
     const look = () => {
       const all = ids === "" ? [] : ids.split("\n");
       // Before any drone is known the server's own default, all of them, is the right one.
-      if (document.hidden) operator.showVideo([]);
+      if (document.hidden || !shown) operator.showVideo([]);
       else if (all.length > 0) operator.showVideo(all);
     };
     look();
@@ -64,5 +79,5 @@ function useVideoWhileVisible(): void {
     return () => {
       document.removeEventListener("visibilitychange", look);
     };
-  }, [operator, ids]);
+  }, [operator, ids, shown]);
 }

@@ -1,30 +1,37 @@
-import { CommandPill } from "./command/CommandPill";
+import { AskingBand, CommandPill } from "./command/CommandPill";
 import { useConsole, useOperator } from "./context";
 import { Icon } from "./design/Icon";
 import { Logo } from "./design/Logo";
 import { useNow } from "./design/useNow";
+import { countdownWord } from "./failsafe/CountdownNote";
+import { silenceCountdown } from "./failsafe/failsafes";
+import { anyFlying } from "./fly/activity";
 import { HeldBanner } from "./fly/HeldBanner";
 import { StopBar } from "./fly/StopBar";
+import { Nav } from "./shell/Nav";
+import type { Screen } from "./shell/screens";
 import type { ConsoleState } from "./state/state";
-import { en } from "./text/en";
+import { words } from "./text/words";
 
 /** Drones report five times a second; a stream this quiet deserves a word. */
 const SILENT_S = 3;
 
 /** Name, connection, stops, and below them whatever the operator must not overlook. */
-export function Header() {
+export function Header({ screen }: { readonly screen: Screen }) {
   return (
     <header className="top">
       <div className="top-line">
         <div className="brand">
           <Logo />
-          <h1>{en.title}</h1>
+          <h1>{words.title}</h1>
           <ConnectionPill />
           <CommandPill />
         </div>
         <StopBar />
       </div>
+      <Nav screen={screen} />
       <HeldBanner />
+      <AskingBand />
       <ConnectionBand />
       <Alarms />
     </header>
@@ -51,7 +58,7 @@ function ConnectionPill() {
 }
 
 function pillFace(connection: ConsoleState["connection"], silent: boolean, silentS: number) {
-  const text = en.connection;
+  const text = words.connection;
   switch (connection.kind) {
     case "connecting":
       return { tone: "busy", word: text.connecting };
@@ -69,7 +76,7 @@ function pillFace(connection: ConsoleState["connection"], silent: boolean, silen
 function ConnectionBand() {
   const connection = useConsole((state) => state.connection);
   const nowMs = useNow(1000);
-  const text = en.connection;
+  const text = words.connection;
   if (connection.kind === "signed_out") {
     return (
       <div className="band band-bad" role="alert">
@@ -86,12 +93,29 @@ function ConnectionBand() {
   return (
     <div className="band band-bad" role="alert">
       <Icon name="warning" />
-      <span className="band-text">{text.lostText}</span>
+      <span className="band-text">
+        {text.lostText}
+        <Silence sinceMs={connection.sinceMs} nowMs={nowMs} />
+      </span>
       {/* A screen reader shall not say the alert again every second. */}
       <span className="band-count" aria-hidden="true">
         {text.lostFor(seconds)}
       </span>
     </div>
+  );
+}
+
+/** Without a line the operator in command is silent, and the server has an answer to that. */
+function Silence({ sinceMs, nowMs }: { readonly sinceMs: number; readonly nowMs: number }) {
+  const counts = useConsole((state) => state.inCommand && anyFlying(state.drones));
+  const table = useConsole((state) => state.failsafeTable);
+  if (!counts || table === null) return null;
+  const next = silenceCountdown(table, Math.max(0, nowMs - sinceMs) / 1000);
+  return next === null ? null : (
+    <strong data-testid="silence" aria-hidden="true">
+      {" "}
+      {words.connection.answers(countdownWord(next))}
+    </strong>
   );
 }
 
@@ -109,7 +133,7 @@ function Alarms() {
           operator.dismissAlarm(alarm.id);
         }}
       >
-        {en.dismiss}
+        {words.dismiss}
       </button>
     </div>
   ));

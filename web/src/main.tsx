@@ -4,10 +4,12 @@ import { App } from "./App";
 import { tabMemory } from "./command/command";
 import { OperatorContext } from "./context";
 import { Operator } from "./operator";
+import { language } from "./text/words";
 import "./styles/tokens.css";
 import "./styles/base.css";
 import "./styles/top.css";
 import "./styles/layout.css";
+import "./styles/screens.css";
 import "./styles/fly.css";
 import "./styles/pick.css";
 import "./styles/mission.css";
@@ -21,6 +23,7 @@ if (root === null) throw new Error("index.html has no element #root");
 
 const operator = new Operator(location, tabMemory(window));
 operator.start();
+document.documentElement.lang = language;
 window.addEventListener("pagehide", (event) => {
   // A page kept for the back button comes back with its socket; only a page that ends closes it.
   if (!event.persisted) operator.leave();

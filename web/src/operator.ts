@@ -5,8 +5,11 @@ import {
   type CaptureRequest,
   type CaptureVerb,
 } from "./api/captures";
+import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
+import { deleteCapture } from "./api/library";
 import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
+import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
 import { Command, type CommandMemory } from "./command/command";
@@ -18,13 +21,13 @@ import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
 import { fliesByItself } from "./state/state";
 import { Store } from "./state/store";
-import { en } from "./text/en";
+import { words } from "./text/words";
 
 /** The word on each stop's button. */
 export const STOP_WORD: Readonly<Record<Stop, string>> = {
-  hold: en.stop.hold.word,
-  land: en.stop.land.word,
-  cut_motors: en.stop.cut.word,
+  hold: words.stop.hold.word,
+  land: words.stop.land.word,
+  cut_motors: words.stop.cut.word,
 };
 
 /** What the page can do, and where its state lives: built once, handed down by context. */
@@ -37,21 +40,25 @@ export class Operator {
   constructor(page: Pick<Location, "protocol" | "host">, memory: CommandMemory) {
     this.#stream = new ConsoleStream(streamUrl(page), {
       onOpen: () => {
+        // Logged first: what comes from here on is what was missed.
+        this.log("info", words.log.opened);
         this.store.dispatch({ type: "stream_opened" });
-        this.log("info", en.log.opened);
         this.#command.beat();
       },
       onLost: () => {
-        if (this.store.get().connection.kind === "open") this.log("warning", en.log.lost);
+        if (this.store.get().connection.kind === "open") this.log("warning", words.log.lost);
         this.store.dispatch({ type: "stream_lost" });
         void this.#checkSignedIn();
       },
       onMessage: (message) => {
         this.store.dispatch(message);
+        if (message.type === "command_changed" && message.holder !== null) {
+          this.#followCommand(message.holder);
+        }
       },
       onTile: (tile) => this.tiles.show(tile),
       onUnreadable: (reason) => {
-        this.log("warning", en.log.unreadable(reason));
+        this.log("warning", words.log.unreadable(reason));
       },
     });
     this.#command = new Command(this.store, this.#stream, startWorkerPulse, memory);
@@ -72,8 +79,23 @@ export class Operator {
 
   /** Take leave of the flight, which goes on; an alarm when the server could not be told. */
   leaveUnattended(): void {
-    if (this.#command.release()) this.log("warning", en.command.left);
-    else this.#alarm(en.command.leaveFailed);
+    if (this.#command.release()) this.log("warning", words.command.left);
+    else this.#alarm(words.command.leaveFailed);
+  }
+
+  /** Be in command from now on; an alarm when the server could not be told. */
+  takeCommand(): void {
+    if (!this.#stream.takeCommand()) this.#alarm(words.command.noLine);
+  }
+
+  /** Ask the browser in command for it; an alarm when the server could not be told. */
+  askCommand(): void {
+    if (!this.#stream.askCommand()) this.#alarm(words.command.noLine);
+  }
+
+  /** Hand the command over to who asks for it, or keep it. */
+  answerCommand(grant: boolean): void {
+    if (!this.#stream.answerCommand(grant)) this.#alarm(words.command.noLine);
   }
 
   /** Have the pictures of these drones sent, and no others. */
@@ -95,26 +117,26 @@ export class Operator {
     const startMs = performance.now();
     const accepted = await this.#carryOut(
       () => stopFleet(stop),
-      (reason) => en.stop.failed(word, STOP_ATTEMPTS, reason),
+      (reason) => words.stop.failed(word, STOP_ATTEMPTS, reason),
     );
     if (!accepted) return false;
     if (stop === "hold") this.store.dispatch({ type: "hold_accepted", droneId: null });
-    this.log("info", en.stop.logAccepted(word, Math.round(performance.now() - startMs)));
+    this.log("info", words.stop.logAccepted(word, Math.round(performance.now() - startMs)));
     return true;
   }
 
   /** Give one drone a command; false, and an alarm, when it was not carried out. */
   async command(droneId: string, command: DroneCommand): Promise<boolean> {
     const name = this.#nameOf(droneId);
-    const word = command === "cut_motors" ? en.stop.cut.word : en.fly.command[command];
+    const word = command === "cut_motors" ? words.stop.cut.word : words.fly.command[command];
     const accepted = await this.#carryOut(
       () => commandDrone(droneId, command),
-      (reason) => en.fly.command.failed(word, name, reason),
+      (reason) => words.fly.command.failed(word, name, reason),
     );
     if (!accepted) return false;
     if (command === "hold") this.store.dispatch({ type: "hold_accepted", droneId });
     if (command === "takeoff" || command === "rearm") this.#command.take();
-    this.log("info", en.fly.command.sent(word), droneId);
+    this.log("info", words.fly.command.sent(word), droneId);
     return true;
   }
 
@@ -122,7 +144,7 @@ export class Operator {
   pickObject(droneId: string, place: Place): Promise<boolean> {
     return this.#carryOut(
       () => pickObject(droneId, place),
-      (reason) => en.pick.failed(this.#nameOf(droneId), reason),
+      (reason) => words.pick.failed(this.#nameOf(droneId), reason),
     );
   }
 
@@ -130,23 +152,38 @@ export class Operator {
   searchObject(droneId: string): Promise<boolean> {
     return this.#carryOut(
       () => searchObject(droneId),
-      (reason) => en.pick.failed(this.#nameOf(droneId), reason),
+      (reason) => words.pick.failed(this.#nameOf(droneId), reason),
     );
   }
 
   /** Want better pictures of what a drawn box shows; false, and an alarm, when it was refused. */
   addPriority(droneId: string, box: ShareBox): Promise<boolean> {
-    return this.#carryOut(() => addPriority(droneId, box), en.pick.priorityFailed);
+    return this.#carryOut(() => addPriority(droneId, box), words.pick.priorityFailed);
   }
 
   /** Forget a part of priority; false, and an alarm, when it was refused. */
   dropPriority(partId: string): Promise<boolean> {
-    return this.#carryOut(() => dropPriority(partId), en.pick.priorityFailed);
+    return this.#carryOut(() => dropPriority(partId), words.pick.priorityFailed);
+  }
+
+  /** Choose what the 3D scene shows, for everybody; false, and an alarm, when it was refused. */
+  choosePlanView(shown: ShownPlan): Promise<boolean> {
+    return this.#carryOut(() => choosePlanView(shown), words.plan.viewFailed);
+  }
+
+  /** Delete a capture and its files; false, and an alarm, when it was refused. */
+  async deleteCapture(captureId: string): Promise<boolean> {
+    const done = await this.#carryOut(
+      () => deleteCapture(captureId),
+      (reason) => words.library.deleteFailed(captureId, reason),
+    );
+    if (done) this.log("info", words.library.deleted(captureId));
+    return done;
   }
 
   /** Begin a capture; false, and an alarm, when it did not start. */
   async startCapture(wish: CaptureRequest): Promise<boolean> {
-    const accepted = await this.#carryOut(() => startCapture(wish), en.mission.form.failed);
+    const accepted = await this.#carryOut(() => startCapture(wish), words.mission.form.failed);
     if (accepted) this.#command.take();
     return accepted;
   }
@@ -155,10 +192,16 @@ export class Operator {
   async changeCapture(captureId: string, verb: CaptureVerb): Promise<boolean> {
     const accepted = await this.#carryOut(
       () => changeCapture(captureId, verb),
-      (reason) => en.mission.verbFailed(en.mission[verb], reason),
+      (reason) => words.mission.verbFailed(words.mission[verb], reason),
     );
     if (accepted && verb === "resume") this.#command.take();
     return accepted;
+  }
+
+  #followCommand(holder: string): void {
+    const turn = this.#command.follow(holder === clientId);
+    if (turn === "came") this.log("info", words.command.came);
+    if (turn === "went") this.log("warning", words.command.went);
   }
 
   #nameOf(droneId: string): string {

@@ -1,4 +1,5 @@
-import { en } from "../text/en";
+import { CLIENT_HEADER, clientId } from "./client";
+import { words } from "../text/words";
 
 /** A request that was not carried out; the text is for the operator. */
 export class RequestError extends Error {
@@ -45,13 +46,15 @@ async function answer(
       // A stop pressed while the page is closing still leaves the browser.
       keepalive: method === "POST",
       signal: AbortSignal.timeout(timeoutMs),
-      ...(body === undefined
-        ? {}
-        : { body: JSON.stringify(body), headers: { "Content-Type": "application/json" } }),
+      headers: {
+        [CLIENT_HEADER]: clientId,
+        ...(body === undefined ? {} : { "Content-Type": "application/json" }),
+      },
+      ...(body === undefined ? {} : { body: JSON.stringify(body) }),
     });
   } catch (error) {
     const late = error instanceof DOMException && error.name === "TimeoutError";
-    const text = late ? en.request.late(timeoutMs / 1000) : en.request.unreachable;
+    const text = late ? words.request.late(timeoutMs / 1000) : words.request.unreachable;
     throw new RequestError(text, null, { cause: error });
   }
 }
@@ -60,19 +63,19 @@ function readJson(text: string): unknown {
   try {
     return JSON.parse(text) as unknown;
   } catch (error) {
-    throw new RequestError(en.request.notJson, null, { cause: error });
+    throw new RequestError(words.request.notJson, null, { cause: error });
   }
 }
 
 /** The sentence of a problem document (RFC 9457), else the bare status. */
 function reason(response: Response, text: string): string {
-  if (response.status === 401) return en.request.signedOut;
+  if (response.status === 401) return words.request.signedOut;
   const type = response.headers.get("Content-Type") ?? "";
-  if (!type.includes("json")) return en.request.refused(response.status);
+  if (!type.includes("json")) return words.request.refused(response.status);
   try {
-    return problemText(JSON.parse(text)) ?? en.request.refused(response.status);
+    return problemText(JSON.parse(text)) ?? words.request.refused(response.status);
   } catch {
-    return en.request.refused(response.status);
+    return words.request.refused(response.status);
   }
 }
 

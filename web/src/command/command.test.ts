@@ -52,6 +52,22 @@ describe("Command", () => {
     expect(startPulse).toHaveBeenCalledTimes(2);
   });
 
+  it("follows the server when the command comes or goes", () => {
+    const { command, line, store, stop, memory, beat } = setup();
+    expect(command.follow(false)).toBe("stays");
+    expect(command.follow(true)).toBe("came");
+    expect(store.get().inCommand).toBe(true);
+    expect(line.sendHeartbeat).toHaveBeenCalledTimes(1);
+    expect(command.follow(true)).toBe("stays");
+    expect(command.follow(false)).toBe("went");
+    // The other one is in command: no leave is to be taken of the flight.
+    expect(line.releaseCommand).not.toHaveBeenCalled();
+    expect(stop).toHaveBeenCalledTimes(1);
+    beat();
+    expect(line.sendHeartbeat).toHaveBeenCalledTimes(1);
+    expect(memory.write.mock.calls).toEqual([[true], [false]]);
+  });
+
   it("stays in command when the server cannot be told", () => {
     const { command, line, stop, store, beat } = setup();
     command.take();

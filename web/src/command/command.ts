@@ -57,11 +57,24 @@ export class Command {
   /** Take leave; false, and still in command, when the server could not be told. */
   release(): boolean {
     if (!this.#line.releaseCommand()) return false;
+    this.#end();
+    return true;
+  }
+
+  /** Follow what the server says: `mine` where this tab is in command, false where another is. */
+  follow(mine: boolean): "came" | "went" | "stays" {
+    const { inCommand } = this.#store.get();
+    if (mine === inCommand) return "stays";
+    if (mine) this.take();
+    else this.#end();
+    return mine ? "came" : "went";
+  }
+
+  #end(): void {
     this.#pulse?.stop();
     this.#pulse = null;
     this.#memory.write(false);
     this.#store.dispatch({ type: "command_released" });
-    return true;
   }
 }
 

@@ -6,9 +6,8 @@ import { Icon, type IconName } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { useNow } from "../design/useNow";
 import type { FailsafeReport } from "../protocol/messages.gen";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { firesNow, newestByRow, rowKey } from "./failsafes";
-import { useFailsafeTable } from "./useFailsafeTable";
 
 const ACTION_ICON: Readonly<Record<string, IconName>> = {
   hold: "hold",
@@ -19,12 +18,12 @@ const ACTION_ICON: Readonly<Record<string, IconName>> = {
 
 /** The failsafe table: what is watched, when it acts and what it does; what acts now stands out. */
 export function FailsafePanel() {
-  const table = useFailsafeTable();
+  const table = useConsole((state) => state.failsafeTable);
   const failsafes = useConsole((state) => state.failsafes);
   const drones = useConsole((state) => state.drones);
   const nowMs = useNow(500);
   const [open, setOpen] = useState(false);
-  const text = en.failsafe;
+  const text = words.failsafe;
   const byRow = newestByRow(failsafes);
   const lit = failsafes.filter((fired) => firesNow(fired, drones.get(fired.drone_id), nowMs));
   const litKeys = new Set(lit.map(rowKey));
@@ -100,8 +99,8 @@ interface RowProps {
 }
 
 function Row({ row, first, last, fired, lit, full }: RowProps) {
-  const names: Readonly<Record<string, string>> = en.failsafe.events;
-  const actions: Readonly<Record<string, string>> = en.failsafe.actions;
+  const names: Readonly<Record<string, string>> = words.failsafe.events;
+  const actions: Readonly<Record<string, string>> = words.failsafe.actions;
   const now = fired.filter((one) => lit.includes(one));
   const told = full ? fired : now;
   const sign = row.direction === "at_most" ? "≤" : "≥";
@@ -143,9 +142,9 @@ function FiredLine(props: { readonly fired: FailsafeReport; readonly unit: strin
       >
         {drone?.name ?? fired.drone_id}
       </span>
-      <strong>{fired.value === null ? en.failsafe.unknown : withUnit(fired.value, 1, unit)}</strong>{" "}
+      <strong>{fired.value === null ? words.failsafe.unknown : withUnit(fired.value, 1, unit)}</strong>{" "}
       <time dateTime={fired.at}>{timeOfDay(fired.at)}</time>
-      {!now && <> {en.failsafe.over}</>}
+      {!now && <> {words.failsafe.over}</>}
     </span>
   );
 }

@@ -3,7 +3,7 @@ import { timeOfDay } from "../design/format";
 import { Icon } from "../design/Icon";
 import { useNow } from "../design/useNow";
 import type { DroneState } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { tileNews } from "./failsafes";
 
 /** On a drone's tile: which failsafe acts on it, or brought it down. */
@@ -13,12 +13,12 @@ export function FiredNote({ drone }: { readonly drone: DroneState }) {
   const news = tileNews(failsafes, drone, nowMs);
   if (news === null) return null;
   const { fired, now } = news;
-  const words = now ? en.failsafe.doing : en.failsafe.done;
+  const acts = now ? words.failsafe.doing : words.failsafe.done;
   return (
     <p className={`fired-note ${now ? "is-now" : ""}`} data-testid={`fired-${fired.drone_id}`}>
       <Icon name={now ? "warning" : "info"} />
       <span>
-        <strong>{words[fired.action]}:</strong> {fired.text}
+        <strong>{acts[fired.action]}:</strong> {fired.text}
         {!now && <time dateTime={fired.at}> {timeOfDay(fired.at)}</time>}
       </span>
     </p>

@@ -22,6 +22,7 @@ function drone(changes: Partial<DroneReport> = {}, since = "2026-01-01T10:00:00Z
     video_age_s: 0.1,
     video_fps: 15,
     position_sigma_m: 0.05,
+    video_wanted: true,
     ...changes,
   };
   return { report, receivedMs: NOW, activitySince: since };

@@ -1,3 +1,4 @@
+import type { FailsafeRow } from "../api/safety";
 import type { DroneReport, FailsafeReport } from "../protocol/messages.gen";
 import { activityFace, isFlying } from "../fly/activity";
 import type { DroneState } from "../state/state";
@@ -64,6 +65,55 @@ export function tileNews(
   const downS = (Date.parse(drone.activitySince) - Date.parse(last.at)) / 1000;
   // Written so that an unknown time of landing is believed.
   return downS > LONGEST_LANDING_S ? null : { fired: last, now: false };
+}
+
+/** What the table is about to do to a drone, and when. */
+export interface Countdown {
+  readonly row: FailsafeRow;
+  readonly leftS: number;
+}
+
+/** A silence is worth a word from this share of its threshold on. */
+const WARNING_SHARE = 0.5;
+
+/**
+ * Return the next thing the table does to a drone by the mere passing of time, null while nothing
+ * is about to happen: a drone in the air that has been silent for half of what a row allows.
+ */
+export function countdown(
+  table: readonly FailsafeRow[],
+  drone: DroneState,
+  nowMs: number,
+): Countdown | null {
+  const { report, receivedMs } = drone;
+  if (!activityFace(report.activity).inAir || report.activity === "offline") return null;
+  const elapsedS = Math.max(0, nowMs - receivedMs) / 1000;
+  let next: Countdown | null = null;
+  for (const row of table) {
+    if (row.event !== "state_age_s" && row.event !== "video_age_s") continue;
+    if (row.event === "video_age_s" && !report.video_wanted) continue;
+    const ageS = MEASURED[row.event]?.(report, elapsedS) ?? null;
+    if (ageS === null || ageS >= row.threshold) continue;
+    const earlier = table.some(
+      (other) => other.event === row.event && other.threshold < row.threshold && ageS >= other.threshold,
+    );
+    // Once one row of an event has acted, the next one counts down from then on.
+    if (!earlier && ageS < WARNING_SHARE * row.threshold) continue;
+    const leftS = row.threshold - ageS;
+    if (next === null || leftS < next.leftS) next = { row, leftS };
+  }
+  return next;
+}
+
+/** What the server does to the fleet when it hears nothing of the operator in command. */
+export function silenceCountdown(
+  table: readonly FailsafeRow[],
+  silentS: number,
+): Countdown | null {
+  const next = table
+    .filter((row) => row.event === "operator_silence_s" && row.threshold > silentS)
+    .sort((a, b) => a.threshold - b.threshold)[0];
+  return next === undefined ? null : { row: next, leftS: next.threshold - silentS };
 }
 
 /** The key of a table row; an event may hold at one threshold and land at another. */

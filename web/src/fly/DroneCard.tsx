@@ -5,11 +5,12 @@ import { ConfirmButton } from "../design/ConfirmButton";
 import { age, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { useNow } from "../design/useNow";
+import { CountdownNote } from "../failsafe/CountdownNote";
 import { FiredNote } from "../failsafe/FiredNote";
 import { DisagreementNote } from "../pick/DisagreementNote";
 import type { DroneReport } from "../protocol/messages.gen";
 import type { DroneState } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { activityFace } from "./activity";
 
 /** A state report older than this is marked: ten reports a second are normal. */
@@ -28,11 +29,12 @@ export function DroneCard({ drone, brief }: { readonly drone: DroneState; readon
         <span className="card-name">{report.name}</span>
         <span className={`chip chip-${report.held ? "held" : face.tone}`}>
           <Icon name={report.held ? "hold" : face.icon} />
-          {report.held ? en.held.word : face.word}
+          {report.held ? words.held.word : face.word}
         </span>
         <Battery percent={report.battery_pct} />
       </div>
       <FiredNote drone={drone} />
+      <CountdownNote drone={drone} />
       <DisagreementNote droneId={report.drone_id} />
       {!brief && <Telemetry drone={drone} />}
       {!brief && <Commands report={report} inAir={face.inAir} />}
@@ -44,31 +46,31 @@ function Battery({ percent }: { readonly percent: number | null }) {
   const level =
     percent === null || percent > LOW_BATTERY_PCT ? "" : percent > EMPTY_BATTERY_PCT ? "is-warning" : "is-bad";
   return (
-    <span className={`battery ${level}`} title={en.fly.telemetry.battery}>
-      <span className="sr-only">{en.fly.telemetry.battery}</span>
+    <span className={`battery ${level}`} title={words.fly.telemetry.battery}>
+      <span className="sr-only">{words.fly.telemetry.battery}</span>
       {level !== "" && <Icon name="warning" />}
       <span className="battery-body" aria-hidden="true">
         <span style={{ width: `${percent ?? 0}%` }} />
       </span>
-      {percent === null ? en.none : `${percent}%`}
+      {percent === null ? words.none : `${percent}%`}
     </span>
   );
 }
 
 function Telemetry({ drone: { report, receivedMs } }: { readonly drone: DroneState }) {
   const nowMs = useNow(250);
-  const words = en.fly.telemetry;
+  const names = words.fly.telemetry;
   const stateAgeS =
     report.state_age_s === null ? null : report.state_age_s + Math.max(0, nowMs - receivedMs) / 1000;
   const hot = report.temperature_c !== null && report.temperature_c >= HOT_C;
   return (
     <dl className="telemetry">
-      <Value word={words.height} value={withUnit(report.height_m, 2, "m")} />
-      <Value word={words.speed} value={withUnit(report.speed_m_s, 2, "m/s")} />
-      <Value word={words.sigma} value={withUnit(report.position_sigma_m, 2, "m")} />
-      <Value word={words.temperature} value={withUnit(report.temperature_c, 0, "°C")} marked={hot} />
+      <Value word={names.height} value={withUnit(report.height_m, 2, "m")} />
+      <Value word={names.speed} value={withUnit(report.speed_m_s, 2, "m/s")} />
+      <Value word={names.sigma} value={withUnit(report.position_sigma_m, 2, "m")} />
+      <Value word={names.temperature} value={withUnit(report.temperature_c, 0, "°C")} marked={hot} />
       <Value
-        word={words.stateAge}
+        word={names.stateAge}
         value={age(stateAgeS)}
         marked={stateAgeS === null || stateAgeS > OLD_STATE_S}
       />
@@ -108,7 +110,7 @@ function Commands({ report, inAir }: { readonly report: DroneReport; readonly in
           }}
         >
           <Icon name="rearm" />
-          {en.fly.command.rearm}
+          {words.fly.command.rearm}
         </button>
       ) : (
         <button
@@ -120,7 +122,7 @@ function Commands({ report, inAir }: { readonly report: DroneReport; readonly in
           }}
         >
           <Icon name="hold" />
-          {en.fly.command.hold}
+          {words.fly.command.hold}
         </button>
       )}
       {inAir ? (
@@ -133,7 +135,7 @@ function Commands({ report, inAir }: { readonly report: DroneReport; readonly in
           }}
         >
           <Icon name="land" />
-          {en.fly.command.land}
+          {words.fly.command.land}
         </button>
       ) : (
         <ConfirmButton
@@ -142,13 +144,13 @@ function Commands({ report, inAir }: { readonly report: DroneReport; readonly in
           label={
             <>
               <Icon name="takeoff" />
-              {en.fly.command.takeoff}
+              {words.fly.command.takeoff}
             </>
           }
           confirm={
             <>
               <Icon name="takeoff" />
-              {en.fly.command.confirm}
+              {words.fly.command.confirm}
             </>
           }
           onConfirm={() => {

@@ -2,7 +2,7 @@ import { useState } from "react";
 import { useConsole } from "../context";
 import { Panel } from "../design/Panel";
 import { PriorityList } from "../pick/PriorityList";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { VideoTile } from "./VideoTile";
 
 /** All drones side by side, or one large and the others beside it. */
@@ -14,11 +14,11 @@ export function FlyPanel() {
   const online = all.filter((drone) => drone.report.activity !== "offline").length;
   return (
     <Panel
-      title={en.fly.title}
+      title={words.fly.title}
       className="fly"
-      aside={all.length > 0 && <span>{en.fly.count(online, all.length)}</span>}
+      aside={all.length > 0 && <span>{words.fly.count(online, all.length)}</span>}
     >
-      {all.length === 0 && <p className="empty">{en.fly.none}</p>}
+      {all.length === 0 && <p className="empty">{words.fly.none}</p>}
       <div className={`tiles ${focus === null ? "" : "has-focus"}`} data-count={all.length}>
         {all.map((drone) => {
           const id = drone.report.drone_id;

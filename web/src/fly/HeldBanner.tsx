@@ -1,6 +1,6 @@
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** Says which drones are held, and frees them. Nothing is shown while none is. */
 export function HeldBanner() {
@@ -11,21 +11,21 @@ export function HeldBanner() {
   if (first === undefined) return null;
   const text =
     held.length === 1
-      ? en.held.one(first.name)
+      ? words.held.one(first.name)
       : held.length === drones.size
-        ? en.held.all(held.length)
-        : en.held.some(held.map((report) => report.name).join(", "));
+        ? words.held.all(held.length)
+        : words.held.some(held.map((report) => report.name).join(", "));
   const rearm = () => {
     for (const report of held) void operator.command(report.drone_id, "rearm");
   };
   return (
     <div className="band band-held" role="status" data-testid="held-banner">
       <Icon name="hold" />
-      <strong>{en.held.word}</strong>
+      <strong>{words.held.word}</strong>
       <span className="band-text">{text}</span>
       <button type="button" className="button" data-testid="rearm-all" onClick={rearm}>
         <Icon name="rearm" />
-        {held.length > 1 ? en.held.rearmAll : en.held.rearm}
+        {held.length > 1 ? words.held.rearmAll : words.held.rearm}
       </button>
     </div>
   );

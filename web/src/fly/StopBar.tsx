@@ -2,7 +2,7 @@ import { useEffect, useRef, useState, type ReactNode } from "react";
 import type { Stop } from "../api/stops";
 import { useOperator } from "../context";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { listenForHold } from "./holdKey";
 import { useHoldToConfirm } from "./useHoldToConfirm";
 
@@ -42,7 +42,7 @@ function Face(props: {
   readonly outcome: Outcome;
   readonly children?: ReactNode;
 }) {
-  const news = { idle: props.does, sending: en.stop.sending, accepted: en.stop.accepted, failed: props.does };
+  const news = { idle: props.does, sending: words.stop.sending, accepted: words.stop.accepted, failed: props.does };
   return (
     <>
       <Icon name={props.outcome === "accepted" ? "check" : props.icon} />
@@ -75,32 +75,32 @@ export function StopBar() {
   );
 
   return (
-    <div className="stop-bar" role="group" aria-label={en.stop.group}>
+    <div className="stop-bar" role="group" aria-label={words.stop.group}>
       <button type="button" className="stop stop-hold" data-testid="hold" data-outcome={held} onClick={hold}>
-        <Face icon="hold" word={en.stop.hold.word} does={en.stop.hold.does} outcome={held}>
-          <kbd>{en.stop.hold.key}</kbd>
+        <Face icon="hold" word={words.stop.hold.word} does={words.stop.hold.does} outcome={held}>
+          <kbd>{words.stop.hold.key}</kbd>
         </Face>
       </button>
       <button type="button" className="stop stop-land" data-testid="land" data-outcome={landed} onClick={land}>
-        <Face icon="land" word={en.stop.land.word} does={en.stop.land.does} outcome={landed} />
+        <Face icon="land" word={words.stop.land.word} does={words.stop.land.does} outcome={landed} />
       </button>
       <button
         type="button"
         className={`stop stop-cut ${press.pressing ? "is-pressing" : ""}`}
         data-testid="cut"
         data-outcome={wasCut}
-        aria-label={en.stop.cut.label}
+        aria-label={words.stop.cut.label}
         {...press.handlers}
       >
         <Face
           icon="cut"
-          word={en.stop.cut.word}
-          does={press.pressing ? en.stop.cut.holding : en.stop.cut.does}
+          word={words.stop.cut.word}
+          does={press.pressing ? words.stop.cut.holding : words.stop.cut.does}
           outcome={press.pressing ? "idle" : wasCut}
         />
       </button>
       <span className="sr-only" role="status" data-testid="cut-announcement">
-        {en.stop.cut.announce[press.press]}
+        {words.stop.cut.announce[press.press]}
       </span>
     </div>
   );

@@ -4,7 +4,7 @@ import { age } from "../design/format";
 import { Icon } from "../design/Icon";
 import type { DroneState } from "../state/state";
 import { TileTools } from "../pick/TileTools";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { DroneCard } from "./DroneCard";
 import { useTile } from "./useTile";
 
@@ -26,7 +26,8 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
   const frame = useRef<HTMLElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const { ageS, shownPerS, damaged } = useTile(droneId, frame, canvas);
-  const gone = ageS === null || ageS > GONE_S;
+  const { video_wanted: wanted } = drone.report;
+  const gone = ageS === null || ageS > GONE_S || !wanted;
   const old = !gone && ageS > OLD_S;
   const apart = useConsole((state) => state.disagreement?.drone_ids.includes(droneId) === true);
   return (
@@ -34,22 +35,28 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
       ref={frame}
       className={`tile tile-${size} ${gone ? "is-gone" : old ? "is-old" : ""} ${apart ? "is-apart" : ""} ${drone.report.held ? "is-held" : ""}`}
       style={{ "--drone": colour } as React.CSSProperties}
-      aria-label={en.fly.tile(name)}
+      aria-label={words.fly.tile(name)}
       data-testid={`tile-${droneId}`}
     >
       <div className="tile-view">
         <button
           type="button"
           className="tile-picture"
-          aria-label={size === "large" ? en.fly.unfocus : en.fly.focus(name)}
+          aria-label={size === "large" ? words.fly.unfocus : words.fly.focus(name)}
           aria-pressed={size === "large"}
           onClick={onToggle}
         >
-          <canvas ref={canvas} width={640} height={480} role="img" aria-label={en.fly.video(name)} />
+          <canvas ref={canvas} width={640} height={480} role="img" aria-label={words.fly.video(name)} />
           {gone && (
-            <span className="tile-gone">
-              <strong>{en.fly.noVideo}</strong>
-              <span>{ageS === null ? en.fly.neverVideo : en.fly.noVideoFor(age(ageS))}</span>
+            <span className={`tile-gone ${wanted ? "" : "is-calm"}`}>
+              <strong>{wanted ? words.fly.noVideo : words.fly.videoOff}</strong>
+              <span>
+                {!wanted
+                  ? words.fly.videoOffWhy
+                  : ageS === null
+                    ? words.fly.neverVideo
+                    : words.fly.noVideoFor(age(ageS))}
+              </span>
             </span>
           )}
           {!gone && (
@@ -57,10 +64,10 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
               {damaged && (
                 <span className="tile-damaged">
                   <Icon name="warning" />
-                  {en.fly.damaged}
+                  {words.fly.damaged}
                 </span>
               )}
-              <span>{en.fly.fps(shownPerS.toFixed(0))}</span>
+              <span>{words.fly.fps(shownPerS.toFixed(0))}</span>
               <span className={old ? "is-late" : ""}>{age(ageS)}</span>
             </span>
           )}

@@ -1,6 +1,6 @@
 import type { IconName } from "../design/Icon";
 import type { DroneState } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 interface ActivityFace {
   readonly word: string;
@@ -11,13 +11,13 @@ interface ActivityFace {
 
 const FACES: Readonly<Record<string, ActivityFace>> = {
   // A drone that is not heard of may well be in the air: it can be told to land, not to take off.
-  offline: { word: en.fly.activity.offline, icon: "offline", tone: "bad", inAir: true },
-  ground: { word: en.fly.activity.ground, icon: "ground", tone: "calm", inAir: false },
-  taking_off: { word: en.fly.activity.taking_off, icon: "takeoff", tone: "busy", inAir: true },
-  flying: { word: en.fly.activity.flying, icon: "fly", tone: "good", inAir: true },
-  holding: { word: en.fly.activity.holding, icon: "hold", tone: "busy", inAir: true },
-  landing: { word: en.fly.activity.landing, icon: "land", tone: "busy", inAir: true },
-  cut: { word: en.fly.activity.cut, icon: "cut", tone: "bad", inAir: false },
+  offline: { word: words.fly.activity.offline, icon: "offline", tone: "bad", inAir: true },
+  ground: { word: words.fly.activity.ground, icon: "ground", tone: "calm", inAir: false },
+  taking_off: { word: words.fly.activity.taking_off, icon: "takeoff", tone: "busy", inAir: true },
+  flying: { word: words.fly.activity.flying, icon: "fly", tone: "good", inAir: true },
+  holding: { word: words.fly.activity.holding, icon: "hold", tone: "busy", inAir: true },
+  landing: { word: words.fly.activity.landing, icon: "land", tone: "busy", inAir: true },
+  cut: { word: words.fly.activity.cut, icon: "cut", tone: "bad", inAir: false },
 };
 
 /** True when a drone is known to be in the air; one that is not heard of is not known to be. */

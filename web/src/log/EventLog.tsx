@@ -4,16 +4,16 @@ import { timeOfDay } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import type { LogLine } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** Which lines are shown: this level and the graver ones. */
 type Filter = LogLine["level"];
 
 const GRAVITY: Readonly<Record<Filter, number>> = { info: 0, warning: 1, error: 2 };
 const FILTERS: readonly { readonly filter: Filter; readonly word: string }[] = [
-  { filter: "info", word: en.log.all },
-  { filter: "warning", word: en.log.level.warning },
-  { filter: "error", word: en.log.level.error },
+  { filter: "info", word: words.log.all },
+  { filter: "warning", word: words.log.level.warning },
+  { filter: "error", word: words.log.level.error },
 ];
 /** This near to the end counts as being there, pixels. */
 const NEAR_END_PX = 24;
@@ -23,7 +23,7 @@ export function EventLog() {
   const log = useConsole((state) => state.log);
   const [filter, setFilter] = useState<Filter>("info");
   const [follow, setFollow] = useState(true);
-  const list = useRef<HTMLOListElement>(null);
+  const list = useRef<HTMLDivElement>(null);
   const lastTop = useRef(0);
   const lines = log.filter((line) => GRAVITY[line.level] >= GRAVITY[filter]);
   const newest = lines.at(-1)?.id;
@@ -57,11 +57,11 @@ export function EventLog() {
 
   return (
     <Panel
-      title={en.log.title}
+      title={words.log.title}
       className="log"
       aside={
         <>
-          <div className="segments" role="group" aria-label={en.log.filter}>
+          <div className="segments" role="group" aria-label={words.log.filter}>
             {FILTERS.map((each) => (
               <button
                 key={each.filter}
@@ -83,24 +83,29 @@ export function EventLog() {
                 setFollow(event.target.checked);
               }}
             />
-            {en.log.follow}
+            {words.log.follow}
           </label>
         </>
       }
     >
-      <ol
+      <div
         ref={list}
         className="lines"
         role="log"
-        aria-label={en.log.title}
+        aria-label={words.log.title}
         tabIndex={0}
         onScroll={scrolled}
       >
-        {lines.length === 0 && <li className="empty">{log.length === 0 ? en.log.empty : en.log.nothing}</li>}
-        {lines.map((line) => (
-          <Line key={line.id} line={line} />
-        ))}
-      </ol>
+        {lines.length === 0 && (
+          <p className="empty">{log.length === 0 ? words.log.empty : words.log.nothing}</p>
+        )}
+        {/* A log's role would take the list its own, so the list stands inside. */}
+        <ol>
+          {lines.map((line) => (
+            <Line key={line.id} line={line} />
+          ))}
+        </ol>
+      </div>
     </Panel>
   );
 }
@@ -114,7 +119,7 @@ function Line({ line }: { readonly line: LogLine }) {
       <time dateTime={line.at}>{timeOfDay(line.at)}</time>
       <span className="line-level">
         <Icon name={line.level} />
-        {en.log.level[line.level]}
+        {words.log.level[line.level]}
       </span>
       <span className="line-text">
         {drone !== undefined && (

@@ -2,7 +2,7 @@ import { useId, useState, type ReactNode, type SubmitEvent } from "react";
 import type { CaptureRequest, Mode } from "../api/captures";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { FIRST_WISH, LIMITS, requestFromWish, wishErrors, type Wish } from "./wish";
 
 const MODES: readonly Mode[] = ["optimized", "standard"];
@@ -17,7 +17,7 @@ export function CaptureForm({ onPrepare }: CaptureFormProps) {
   const [wish, setWish] = useState<Wish>(FIRST_WISH);
   const errors = wishErrors(wish);
   const valid = Object.keys(errors).length === 0;
-  const text = en.mission.form;
+  const text = words.mission.form;
   const change = (part: Partial<Wish>) => {
     setWish({ ...wish, ...part });
   };
@@ -40,11 +40,11 @@ export function CaptureForm({ onPrepare }: CaptureFormProps) {
                 change({ mode });
               }}
             />
-            <span>{en.mission.mode[mode]}</span>
+            <span>{words.mission.mode[mode]}</span>
           </label>
         ))}
       </fieldset>
-      <p className="hint">{en.mission.modeDoes[wish.mode]}</p>
+      <p className="hint">{words.mission.modeDoes[wish.mode]}</p>
       <div className="form-row">
         <Field label={text.pictures} error={errors.pictures}>
           {(props) => (

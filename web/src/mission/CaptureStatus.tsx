@@ -1,11 +1,11 @@
-import { useOperator } from "../context";
+import { useConsole, useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
 import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
 import { isActive } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 type CaptureState = CaptureReport["state"];
 
@@ -19,18 +19,28 @@ const FACE: Readonly<Record<CaptureState, { icon: IconName; tone: string }>> = {
   interrupted: { icon: "warning", tone: "busy" },
 };
 
+/** A capture's state as a word with its drawing. */
+export function CaptureChip({ state }: { readonly state: CaptureState }) {
+  const face = FACE[state];
+  return (
+    <span className={`chip chip-${face.tone}`}>
+      <Icon name={face.icon} />
+      {words.mission.state[state]}
+    </span>
+  );
+}
+
 /** State, phase, progress and counters of the capture at hand. */
 export function CaptureStatus({ capture, step }: { readonly capture: CaptureReport | null; readonly step: Step | null }) {
   if (capture === null) {
     return (
       <div className="status">
         <p className="status-phase" data-testid="phase" data-phase="">
-          {en.mission.idle}
+          {words.mission.idle}
         </p>
       </div>
     );
   }
-  const face = FACE[capture.state];
   const percent = Math.round(100 * Math.min(1, Math.max(0, capture.progress)));
   return (
     <div className="status">
@@ -38,15 +48,12 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
         <p className="status-phase" data-testid="phase" data-phase={capture.phase} data-state={capture.state}>
           {phaseWord(capture, step)}
         </p>
-        <span className={`chip chip-${face.tone}`}>
-          <Icon name={face.icon} />
-          {en.mission.state[capture.state]}
-        </span>
+        <CaptureChip state={capture.state} />
       </div>
       <div
         className={`progress is-${capture.state}`}
         role="progressbar"
-        aria-label={en.mission.progress}
+        aria-label={words.mission.progress}
         aria-valuemin={0}
         aria-valuemax={100}
         aria-valuenow={percent}
@@ -55,26 +62,27 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
       </div>
       <dl className="counters">
         <div>
-          <dt>{en.mission.pictures}</dt>
+          <dt>{words.mission.pictures}</dt>
           <dd>
             {capture.images}
             <small> / {capture.images_total}</small>
           </dd>
         </div>
         <div>
-          <dt>{en.mission.rounds}</dt>
+          <dt>{words.mission.rounds}</dt>
           <dd>
             {Math.min(capture.round_index + 1, capture.rounds)}
             <small> / {capture.rounds}</small>
           </dd>
         </div>
         <div>
-          <dt>{en.mission.left}</dt>
+          <dt>{words.mission.left}</dt>
           <dd>
-            {isActive(capture) && capture.eta_s !== null ? clock(capture.eta_s) : en.none}
+            {isActive(capture) && capture.eta_s !== null ? clock(capture.eta_s) : words.none}
           </dd>
         </div>
       </dl>
+      <Counters capture={capture} />
       {capture.error !== null && (
         <p className="status-error" role="alert">
           <Icon name="error" />
@@ -85,10 +93,35 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
   );
 }
 
+/** How far the pictures have come: sent for, taken, shown here, in the field. */
+function Counters({ capture }: { readonly capture: CaptureReport }) {
+  const received = useConsole((state) => state.findings.pictures.length);
+  const used = useConsole((state) => state.findings.training?.images ?? 0);
+  const { counter } = words.mission;
+  // Of an earlier program's capture nobody counted.
+  if (!isActive(capture) && received === 0) return null;
+  const rows = [
+    ["commanded", capture.commanded],
+    ["captured", capture.images],
+    ["received", received],
+    ["used", used],
+  ] as const;
+  return (
+    <dl className="way" aria-label={counter.label}>
+      {rows.map(([key, value]) => (
+        <div key={key} title={counter[key].means} data-testid={`counter-${key}`}>
+          <dt>{counter[key].word}</dt>
+          <dd>{value}</dd>
+        </div>
+      ))}
+    </dl>
+  );
+}
+
 function phaseWord(capture: CaptureReport, step: Step | null): string {
-  const words: Readonly<Record<string, string>> = en.mission.phase;
+  const names: Readonly<Record<string, string>> = words.mission.phase;
   const phase = capture.phase === "train" && step === "refine" ? "refine" : capture.phase;
-  return words[phase] ?? phase;
+  return names[phase] ?? phase;
 }
 
 /** Pause, resume and abort, as far as the capture's state allows. */
@@ -104,20 +137,20 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
         onClick={() => void operator.changeCapture(capture.id, paused ? "resume" : "pause")}
       >
         <Icon name={paused ? "play" : "pause"} />
-        {paused ? en.mission.resume : en.mission.pause}
+        {paused ? words.mission.resume : words.mission.pause}
       </button>
       <ConfirmButton
         className="button-danger"
         label={
           <>
             <Icon name="abort" />
-            {en.mission.abort}
+            {words.mission.abort}
           </>
         }
         confirm={
           <>
             <Icon name="abort" />
-            {en.mission.abortConfirm}
+            {words.mission.abortConfirm}
           </>
         }
         onConfirm={() => void operator.changeCapture(capture.id, "abort")}

@@ -1,11 +1,11 @@
 import type { ReactNode } from "react";
 import type { Findings } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** What the mission has found out so far: the object, the plan, the poses. */
 export function FindingsList({ findings, run }: { readonly findings: Findings; readonly run: string | null }) {
   const { seed, plan, planning, poses } = findings;
-  const text = en.mission.findings;
+  const text = words.mission.findings;
   const rows: [string, ReactNode][] = [];
   if (seed !== null) {
     const size = seed.size.map((metres) => metres.toFixed(2)).join(" × ");
@@ -21,7 +21,7 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
     rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
   }
   if (poses !== null) rows.push([text.poses, text.refined(poses.refined, poses.images)]);
-  if (run !== null && run !== "") rows.push([en.mission.run, <code key="run">{run}</code>]);
+  if (run !== null && run !== "") rows.push([words.mission.run, <code key="run">{run}</code>]);
   if (rows.length === 0) return null;
   return (
     <dl className="findings">
@@ -41,7 +41,7 @@ function PlanFitness({ fitness, bound }: { readonly fitness: number; readonly bo
   return (
     <>
       {fitness.toFixed(4)}
-      <small> {en.mission.findings.bound(gap.toFixed(1))}</small>
+      <small> {words.mission.findings.bound(gap.toFixed(1))}</small>
     </>
   );
 }

@@ -3,12 +3,12 @@ import { Icon } from "../design/Icon";
 import { groups, readiness } from "../preflight/readiness";
 import { usePreflight } from "../preflight/usePreflight";
 import type { CaptureReport } from "../protocol/messages.gen";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** All drones are down before the last picture: what to do, and which of them are ready again. */
 export function GroundedCard({ capture }: { readonly capture: CaptureReport }) {
   const { checks, error } = usePreflight();
-  const text = en.mission.grounded;
+  const text = words.mission.grounded;
   return (
     <section className="grounded" aria-label={text.title} data-testid="grounded">
       <h3>
@@ -21,7 +21,7 @@ export function GroundedCard({ capture }: { readonly capture: CaptureReport }) {
           <li key={step}>{step}</li>
         ))}
       </ol>
-      {error !== null && <p className="field-error">{en.preflight.stale(error)}</p>}
+      {error !== null && <p className="field-error">{words.preflight.stale(error)}</p>}
       <ul className="grounded-drones">
         {groups(checks ?? [])
           .filter((group) => group.droneId !== null)
@@ -50,7 +50,7 @@ function DroneReady({ droneId, missing }: { readonly droneId: string; readonly m
       </span>
       <span className="grounded-state">
         <Icon name={ready ? "check" : "abort"} />
-        {ready ? en.mission.grounded.ready : missing.join(", ")}
+        {ready ? words.mission.grounded.ready : missing.join(", ")}
       </span>
     </li>
   );

@@ -2,7 +2,7 @@ import type { CaptureRequest } from "../api/captures";
 import { useConsole } from "../context";
 import { Panel } from "../design/Panel";
 import { isActive, isGrounded } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { CaptureForm } from "./CaptureForm";
 import { CaptureControls, CaptureStatus } from "./CaptureStatus";
 import { FindingsList } from "./FindingsList";
@@ -22,7 +22,7 @@ export function MissionPanel({ onPrepare }: MissionPanelProps) {
   const findings = useConsole((state) => state.findings);
   return (
     <Panel
-      title={en.mission.title}
+      title={words.mission.title}
       className="mission"
       aside={capture !== null && <code className="mission-id">{capture.id}</code>}
     >

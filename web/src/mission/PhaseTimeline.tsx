@@ -3,7 +3,7 @@ import { Icon } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import { STEPS, type Step } from "../state/phases";
 import { isActive } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 interface PhaseTimelineProps {
   readonly capture: CaptureReport | null;
@@ -11,12 +11,12 @@ interface PhaseTimelineProps {
   readonly entered: Readonly<Partial<Record<Step, string>>>;
 }
 
-type StepState = keyof typeof en.mission.stepState;
+type StepState = keyof typeof words.mission.stepState;
 
 /** The mission's course: what is done, where it stands, what is to come. */
 export function PhaseTimeline({ capture, step, entered }: PhaseTimelineProps) {
   return (
-    <ol className="timeline" aria-label={en.mission.timeline}>
+    <ol className="timeline" aria-label={words.mission.timeline}>
       {STEPS.map((each, index) => {
         const state = stepState(each, step, capture);
         const note = each === "rounds" ? roundNote(capture, state) : stepTime(index, entered, state);
@@ -26,8 +26,8 @@ export function PhaseTimeline({ capture, step, entered }: PhaseTimelineProps) {
               {state === "past" && <Icon name="check" />}
               {state === "failed" && <Icon name="abort" />}
             </span>
-            <span className="step-word">{en.mission.step[each]}</span>
-            <span className="sr-only">{en.mission.stepState[state]}</span>
+            <span className="step-word">{words.mission.step[each]}</span>
+            <span className="sr-only">{words.mission.stepState[state]}</span>
             <span className="step-note">{note}</span>
           </li>
         );
@@ -47,7 +47,7 @@ function stepState(each: Step, step: Step | null, capture: CaptureReport | null)
 function roundNote(capture: CaptureReport | null, state: StepState): string {
   if (capture === null || capture.rounds === 0 || state === "future") return "";
   const done = state === "past" ? capture.rounds : capture.round_index + 1;
-  return en.mission.round(Math.min(done, capture.rounds), capture.rounds);
+  return words.mission.round(Math.min(done, capture.rounds), capture.rounds);
 }
 
 /** How long a finished step took: until the next one that was entered. */

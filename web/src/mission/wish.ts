@@ -1,5 +1,5 @@
 import type { CaptureRequest, Mode } from "../api/captures";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** The capture form as it is typed. */
 export interface Wish {
@@ -34,14 +34,14 @@ export function wishErrors(wish: Wish): WishErrors {
   const errors: Partial<Record<"pictures" | "trainSeconds" | "name", string>> = {};
   const count = Number(wish.pictures);
   if (!Number.isInteger(count) || count < pictures.least || count > pictures.most) {
-    errors.pictures = en.mission.form.whole(pictures.least, pictures.most);
+    errors.pictures = words.mission.form.whole(pictures.least, pictures.most);
   }
   const seconds = wish.trainSeconds.trim() === "" ? Number.NaN : Number(wish.trainSeconds);
   // Written so that NaN is refused as well.
   if (seconds !== 0 && !(seconds >= trainSeconds.least && seconds <= trainSeconds.most)) {
-    errors.trainSeconds = en.mission.form.zeroOr(trainSeconds.least, trainSeconds.most);
+    errors.trainSeconds = words.mission.form.zeroOr(trainSeconds.least, trainSeconds.most);
   }
-  if (wish.name.trim().length > nameLength) errors.name = en.mission.form.nameLong(nameLength);
+  if (wish.name.trim().length > nameLength) errors.name = words.mission.form.nameLong(nameLength);
   return errors;
 }
 

@@ -1,6 +1,6 @@
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 /** On a drone's tile: it sees something else than the others, and what to do about it. */
 export function DisagreementNote({ droneId }: { readonly droneId: string }) {
@@ -10,7 +10,7 @@ export function DisagreementNote({ droneId }: { readonly droneId: string }) {
     <p className="disagree-note" data-testid={`disagrees-${droneId}`} title={disagreement.reason}>
       <Icon name="warning" />
       <span>
-        <strong>{en.pick.disagree}</strong> {en.pick.disagreeDo}
+        <strong>{words.pick.disagree}</strong> {words.pick.disagreeDo}
       </span>
     </p>
   );

@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "react";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { boxBetween, isBox, MIDDLE, nudged, placeOf, shareAt, type Place, type ShareBox, type SharePoint } from "./box";
 
 /** What is being shown to the drones: where the object is, or which part of it matters. */
@@ -27,7 +27,7 @@ export function PickSurface({ mode, name, onPlace, onCancel }: PickSurfaceProps)
   const surface = useRef<HTMLDivElement>(null);
   const [drag, setDrag] = useState<Drag | null>(null);
   const [typed, setTyped] = useState<ShareBox | null>(null);
-  const words = en.pick[mode];
+  const gesture = words.pick[mode];
 
   useEffect(() => {
     surface.current?.focus({ preventScroll: true });
@@ -86,7 +86,7 @@ export function PickSurface({ mode, name, onPlace, onCancel }: PickSurfaceProps)
       ref={surface}
       className={`pick-surface is-${mode}`}
       role="application"
-      aria-label={words.surface(name)}
+      aria-label={gesture.surface(name)}
       tabIndex={0}
       data-testid="pick-surface"
       onPointerDown={begin}
@@ -97,7 +97,7 @@ export function PickSurface({ mode, name, onPlace, onCancel }: PickSurfaceProps)
       onKeyDown={press}
     >
       {box !== null && isBox(box) && <BoxMark box={box} className="pick-drawn" />}
-      {drag === null && <span className="pick-hint">{words.hint}</span>}
+      {drag === null && <span className="pick-hint">{gesture.hint}</span>}
     </div>
   );
 }

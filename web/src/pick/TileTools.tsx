@@ -3,7 +3,7 @@ import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { activityFace } from "../fly/activity";
 import { fliesByItself, type DroneState } from "../state/state";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import type { Place } from "./box";
 import { PickSurface, type PickMode } from "./PickSurface";
 
@@ -37,7 +37,7 @@ export function TileTools({ drone, live }: TileToolsProps) {
         <div className="tile-tools">
           <button type="button" className="tool" data-testid={`cancel-pick-${droneId}`} onClick={cancel}>
             <Icon name="close" />
-            {en.pick.cancel}
+            {words.pick.cancel}
           </button>
         </div>
       </>
@@ -48,7 +48,7 @@ export function TileTools({ drone, live }: TileToolsProps) {
       <button
         type="button"
         className="tool"
-        title={en.pick.object.does}
+        title={words.pick.object.does}
         disabled={!live}
         data-testid={`pick-${droneId}`}
         onClick={() => {
@@ -56,27 +56,27 @@ export function TileTools({ drone, live }: TileToolsProps) {
         }}
       >
         <Icon name="target" />
-        {en.pick.object.word}
+        {words.pick.object.word}
       </button>
       {picked && (
         <button
           type="button"
           className="tool is-on"
-          title={en.pick.search.does}
+          title={words.pick.search.does}
           data-testid={`search-${droneId}`}
           onClick={() => {
             void operator.searchObject(droneId);
           }}
         >
           <Icon name="rearm" />
-          {en.pick.search.word}
+          {words.pick.search.word}
         </button>
       )}
       {inAir && (
         <button
           type="button"
           className="tool"
-          title={en.pick.priority.does}
+          title={words.pick.priority.does}
           disabled={!live}
           data-testid={`priority-${droneId}`}
           onClick={() => {
@@ -84,7 +84,7 @@ export function TileTools({ drone, live }: TileToolsProps) {
           }}
         >
           <Icon name="star" />
-          {en.pick.priority.word}
+          {words.pick.priority.word}
         </button>
       )}
     </div>

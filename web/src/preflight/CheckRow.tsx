@@ -1,20 +1,20 @@
 import { useId } from "react";
 import type { Check } from "../api/safety";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { isReason, REASON_LENGTH } from "./readiness";
 
 interface CheckRowProps {
   readonly check: Check;
   /** The reason as it is typed; undefined while nobody wants to override the item. */
-  readonly reason: string | undefined;
-  /** Null takes the override back. */
-  readonly onReason: (reason: string | null) => void;
+  readonly reason?: string | undefined;
+  /** Null takes the override back. Without it the item is only shown. */
+  readonly onReason?: (reason: string | null) => void;
 }
 
 /** One item: mark and word, what was found, what to do, and the override where one is allowed. */
 export function CheckRow({ check, reason, onReason }: CheckRowProps) {
-  const text = en.preflight;
+  const text = words.preflight;
   const names: Readonly<Record<string, string>> = text.item;
   const overridden = !check.passed && !check.final && isReason(reason);
   const state = check.passed ? "passed" : overridden ? "overridden" : "failed";
@@ -30,7 +30,7 @@ export function CheckRow({ check, reason, onReason }: CheckRowProps) {
         {check.remedy !== "" && <span className="check-remedy">{check.remedy}</span>}
         {!check.passed && check.final && <span className="check-final">{text.final}</span>}
       </span>
-      {!check.passed && !check.final && (
+      {!check.passed && !check.final && onReason !== undefined && (
         <Override check={check} reason={reason} onReason={onReason} />
       )}
     </li>
@@ -38,9 +38,9 @@ export function CheckRow({ check, reason, onReason }: CheckRowProps) {
 }
 
 /** Asks for the reason to fly anyway; without one the item keeps its drone on the ground. */
-function Override({ check, reason, onReason }: CheckRowProps) {
+function Override({ check, reason, onReason }: Required<CheckRowProps>) {
   const id = useId();
-  const text = en.preflight;
+  const text = words.preflight;
   if (reason === undefined) {
     return (
       <button

@@ -2,7 +2,7 @@ import { useEffect, useRef, useState, type KeyboardEvent } from "react";
 import type { CaptureRequest } from "../api/captures";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
-import { en } from "../text/en";
+import { words } from "../text/words";
 import { CheckRow } from "./CheckRow";
 import { blocks, groups, overridesFrom, readiness, type Group, type Reasons } from "./readiness";
 import { usePreflight, type Preflight } from "./usePreflight";
@@ -43,7 +43,7 @@ export function PreflightSheet({ request, onClose }: PreflightSheetProps) {
     const others = Object.entries(reasons).filter(([other]) => other !== key);
     setReasons(Object.fromEntries(reason === null ? others : [...others, [key, reason]]));
   };
-  const text = en.preflight;
+  const text = words.preflight;
   return (
     <section
       ref={sheet}
@@ -86,7 +86,7 @@ export function PreflightSheet({ request, onClose }: PreflightSheetProps) {
           onClick={start}
         >
           <Icon name="takeoff" />
-          {busy ? en.mission.form.starting : text.start(judged.crew.length)}
+          {busy ? words.mission.form.starting : text.start(judged.crew.length)}
         </button>
       </footer>
     </section>
@@ -95,7 +95,7 @@ export function PreflightSheet({ request, onClose }: PreflightSheetProps) {
 
 function Verdict(props: { readonly preflight: Preflight; readonly blockers: number }) {
   const { checks, error } = props.preflight;
-  const text = en.preflight;
+  const text = words.preflight;
   const good = error === null && checks !== null && props.blockers === 0;
   const word =
     error !== null
@@ -131,7 +131,7 @@ function OtherCrew(props: {
         onChoose(ready);
       }}
     >
-      {en.preflight.useOthers(ready)}
+      {words.preflight.useOthers(ready)}
     </button>
   );
 }
@@ -146,7 +146,7 @@ function DroneChecks(props: {
   const drone = useConsole((state) =>
     group.droneId === null ? undefined : state.drones.get(group.droneId)?.report,
   );
-  const name = drone?.name ?? group.droneId ?? en.preflight.console;
+  const name = drone?.name ?? group.droneId ?? words.preflight.console;
   const failed = group.checks.filter((check) => blocks(check, reasons)).length;
   const clear = failed === 0;
   return (
@@ -158,11 +158,11 @@ function DroneChecks(props: {
     >
       <summary>
         <h3 className={group.droneId === null ? "" : "card-name"}>{name}</h3>
-        {stays && <span className="chip">{en.preflight.stays}</span>}
+        {stays && <span className="chip">{words.preflight.stays}</span>}
         {!stays && (
           <span className={`chip ${clear ? "chip-good" : "chip-bad"}`}>
             <Icon name={clear ? "check" : "abort"} />
-            {clear ? en.preflight.ready : en.preflight.notOk(failed)}
+            {clear ? words.preflight.ready : words.preflight.notOk(failed)}
           </span>
         )}
       </summary>

@@ -28,6 +28,7 @@ export interface DroneReport {
   readonly video_age_s: number | null;
   readonly video_fps: number;
   readonly position_sigma_m: number | null;
+  readonly video_wanted: boolean;
 }
 
 /** The capture as it stands, whenever it changes. */
@@ -46,6 +47,7 @@ export interface CaptureReport {
   readonly rounds: number;
   readonly images: number;
   readonly images_total: number;
+  readonly commanded: number;
 }
 
 /** A picture is on disk; the thumbnail is a data URL. */
@@ -104,12 +106,13 @@ export interface TrainingReport {
   readonly images: number;
 }
 
-/** How many pictures' poses were refined after the flight. */
+/** How many pictures' poses were refined after the flight. ``unrefined`` are the indices of those that kept their pose from the flight. */
 export interface PosesReport {
   readonly type: "poses_refined";
   readonly at: string;
   readonly images: number;
   readonly refined: number;
+  readonly unrefined: readonly number[];
 }
 
 /** The newest rendering of the field, as a data URL. */
@@ -166,6 +169,21 @@ export interface PrioritiesReport {
   readonly parts: readonly PriorityPart[];
 }
 
+/** Which viewpoints the 3D scene shows, in every browser. */
+export interface PlanView {
+  readonly type: "plan_view_changed";
+  readonly at: string;
+  readonly shown: "planned" | "ring" | "both";
+}
+
+/** Which browser is in command and which one asks for it, by their ids; null for nobody. */
+export interface CommandReport {
+  readonly type: "command_changed";
+  readonly at: string;
+  readonly holder: string | null;
+  readonly asking: string | null;
+}
+
 /** A line of the event log. */
 export interface Note {
   readonly type: "noted";
@@ -196,6 +214,8 @@ export type ServerMessage =
   | PickReport
   | DisagreementReport
   | PrioritiesReport
+  | PlanView
+  | CommandReport
   | Note
   | Missed;
 
@@ -212,21 +232,45 @@ export interface TileShown {
   readonly sequence: number;
 }
 
-/** The operator in command is there; sent every two seconds. Its absence is a failsafe. */
+/** The operator in command is there; sent every two seconds. Its absence is a failsafe. While another browser is in command it counts for nothing. */
 export interface Heartbeat {
   readonly type: "heartbeat";
+  readonly client: string;
 }
 
 /** The operator leaves and the flight goes on: silence counts no longer. */
 export interface ReleaseCommand {
   readonly type: "release_command";
+  readonly client: string;
+}
+
+/** This browser is in command from now on, whoever was before. */
+export interface TakeCommand {
+  readonly type: "take_command";
+  readonly client: string;
+}
+
+/** This browser asks the one in command for it. */
+export interface AskCommand {
+  readonly type: "ask_command";
+  readonly client: string;
+}
+
+/** The browser in command hands it over to the one that asks, or keeps it. */
+export interface AnswerCommand {
+  readonly type: "answer_command";
+  readonly client: string;
+  readonly grant: boolean;
 }
 
 export type ClientMessage =
   | ShowTiles
   | TileShown
   | Heartbeat
-  | ReleaseCommand;
+  | ReleaseCommand
+  | TakeCommand
+  | AskCommand
+  | AnswerCommand;
 
 /** The header of a binary message; ``age_s`` is the picture's age when it was sent. */
 export interface TileHeader {

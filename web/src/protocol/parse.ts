@@ -16,6 +16,8 @@ const TYPES: Readonly<Record<ServerMessage["type"], true>> = {
   object_pointed_out: true,
   views_disagree: true,
   priorities_changed: true,
+  plan_view_changed: true,
+  command_changed: true,
   noted: true,
   missed: true,
 };

@@ -1,4 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
+import { clientId } from "../api/client";
 import { ConsoleStream, streamUrl, type Socket, type StreamListener } from "./stream";
 
 class FakeSocket implements Socket {
@@ -153,7 +154,10 @@ describe("ConsoleStream", () => {
     expect(socket(0).sent).toEqual([]);
     stream.sendHeartbeat();
     expect(stream.releaseCommand()).toBe(true);
-    expect(socket(0).sent).toEqual([{ type: "heartbeat" }, { type: "release_command" }]);
+    expect(socket(0).sent).toEqual([
+      { type: "heartbeat", client: clientId },
+      { type: "release_command", client: clientId },
+    ]);
     socket(0).lose();
     stream.sendHeartbeat();
     expect(socket(0).sent).toHaveLength(2);

@@ -1,3 +1,4 @@
+import { clientId } from "../api/client";
 import type { ClientMessage, ServerMessage } from "./messages.gen";
 import { parseMessage } from "./parse";
 import { parseTile, TileError, type Tile } from "./tile";
@@ -70,12 +71,27 @@ export class ConsoleStream {
 
   /** Tell the server that the operator in command is there; lost with the line, as it should be. */
   sendHeartbeat(): void {
-    this.#send({ type: "heartbeat" });
+    this.#send({ type: "heartbeat", client: clientId });
   }
 
   /** Take leave of the flight; false when there is no line to say it on. */
   releaseCommand(): boolean {
-    return this.#send({ type: "release_command" });
+    return this.#send({ type: "release_command", client: clientId });
+  }
+
+  /** Be in command from now on, whoever was before; false when there is no line to say it on. */
+  takeCommand(): boolean {
+    return this.#send({ type: "take_command", client: clientId });
+  }
+
+  /** Ask the browser in command for it; false when there is no line to say it on. */
+  askCommand(): boolean {
+    return this.#send({ type: "ask_command", client: clientId });
+  }
+
+  /** Hand the command over to who asks for it, or keep it. */
+  answerCommand(grant: boolean): boolean {
+    return this.#send({ type: "answer_command", client: clientId, grant });
   }
 
   #connect(): void {

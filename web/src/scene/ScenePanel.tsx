@@ -1,9 +1,9 @@
-import { useEffect, useRef, useState } from "react";
+import { useEffect, useRef, useState, type ReactNode } from "react";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { listenForHold } from "../fly/holdKey";
-import { en } from "../text/en";
+import { words } from "../text/words";
 
 const RETRY_MS = 5000;
 
@@ -13,7 +13,7 @@ const RETRY_MS = 5000;
  * A scene that lost its server stays dead until it is loaded again, so the frame is made anew
  * whenever the stream comes back.
  */
-export function ScenePanel() {
+export function ScenePanel({ aside }: { readonly aside?: ReactNode }) {
   const epoch = useConsole((state) => state.epoch);
   const [attempt, setAttempt] = useState(0);
   const [down, setDown] = useState(false);
@@ -29,13 +29,16 @@ export function ScenePanel() {
   }, [down, attempt]);
   return (
     <Panel
-      title={en.scene.title}
+      title={words.scene.title}
       className="scene"
       aside={
-        <button type="button" className="button button-small button-quiet" onClick={again}>
-          <Icon name="rearm" />
-          {en.scene.reload}
-        </button>
+        <>
+          {aside}
+          <button type="button" className="button button-small button-quiet" onClick={again}>
+            <Icon name="rearm" />
+            {words.scene.reload}
+          </button>
+        </>
       }
     >
       <div className="scene-body">
@@ -43,8 +46,8 @@ export function ScenePanel() {
         {down && (
           <div className="scene-down" role="status">
             <Icon name="cube" />
-            <strong>{en.scene.down}</strong>
-            <span>{en.scene.retrying}</span>
+            <strong>{words.scene.down}</strong>
+            <span>{words.scene.retrying}</span>
           </div>
         )}
       </div>
@@ -80,7 +83,7 @@ function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
   return (
     <iframe
       ref={frame}
-      title={en.scene.frame}
+      title={words.scene.frame}
       src={dark ? "/scene/?darkMode" : "/scene/"}
       data-testid="scene-frame"
     />

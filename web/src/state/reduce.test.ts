@@ -28,6 +28,7 @@ function drone(droneId: string, changes: Partial<DroneReport> = {}): DroneReport
     video_age_s: 0.1,
     video_fps: 15,
     position_sigma_m: 0.05,
+    video_wanted: true,
     ...changes,
   };
 }
@@ -48,6 +49,7 @@ function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureRepor
     rounds: 6,
     images: 0,
     images_total: 24,
+    commanded: 0,
     ...changes,
   };
 }
@@ -260,6 +262,29 @@ describe("reduce: what the server repeats after a reconnection", () => {
     expect(state.capture?.id).toBe("2");
     expect(state.findings.pictures).toHaveLength(2);
     expect(state.arriving).toBeNull();
+  });
+
+  it("tells how long the line was gone and what happened meanwhile", () => {
+    const note = (text: string): Message => ({
+      type: "noted",
+      at: `2026-01-01T10:00:0${text.length}Z`,
+      level: "info",
+      text,
+      drone_id: null,
+    });
+    const before = after([capture("2", { phase: "train" }), picture(0), note("a")]);
+    const lost = reduce(before, { type: "stream_lost" }, T0);
+    const opened = reduce(lost, { type: "stream_opened" }, T0 + 12_000);
+    const told = [note("a"), note("bb"), note("ccc"), ...repeated, drone("a")];
+    const state = told.reduce((last, message) => reduce(last, message, T0 + 12_100), opened);
+    expect(state.log.at(-1)?.text).toBe(
+      "Back after 12 s; missed and made up for: 2 events, 1 pictures",
+    );
+  });
+
+  it("tells nothing of the sort on the page's first line", () => {
+    const state = after([{ type: "stream_opened" }, ...repeated, drone("a")]);
+    expect(state.log).toEqual([]);
   });
 
   it("is not shown in part", () => {

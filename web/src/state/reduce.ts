@@ -1,5 +1,12 @@
-import type { CaptureReport, FailsafeReport, PictureReport, ServerMessage } from "../protocol/messages.gen";
-import { en } from "../text/en";
+import type {
+  CaptureReport,
+  FailsafeReport,
+  PictureReport,
+  PlanProgress,
+  ServerMessage,
+} from "../protocol/messages.gen";
+import { words } from "../text/words";
+import { withReport } from "./history";
 import { stepOfPhase, STEPS, type Step } from "./phases";
 import { appendReport } from "./series";
 import {
@@ -39,6 +46,7 @@ const LOCAL_TYPES: Readonly<Record<LocalMessage["type"], true>> = {
   stream_opened: true,
   stream_lost: true,
   signed_out: true,
+  failsafes_known: true,
   command_taken: true,
   command_released: true,
   hold_accepted: true,
@@ -59,8 +67,17 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
         connection: { kind: "open" },
         epoch: state.epoch + 1,
         lastMessageMs: nowMs,
-        arriving: { mission: NO_MISSION, sinceMs: nowMs },
+        arriving: {
+          mission: NO_MISSION,
+          sinceMs: nowMs,
+          before:
+            state.connection.kind === "lost"
+              ? { lostMs: state.connection.sinceMs, lines: state.nextLogId }
+              : null,
+        },
         // The server repeats those that stand; the others were taken back meanwhile.
+        planView: "planned",
+        command: { holder: null, asking: null },
         picks: new Map(),
         disagreement: null,
         priorities: [],
@@ -70,6 +87,8 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
       return { ...state, connection: { kind: "lost", sinceMs: nowMs } };
     case "signed_out":
       return { ...state, connection: { kind: "signed_out" } };
+    case "failsafes_known":
+      return { ...state, failsafeTable: message.rows };
     case "command_taken":
     case "command_released": {
       const inCommand = message.type === "command_taken";
@@ -94,8 +113,12 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
       const same = before?.report.activity === message.activity;
       const activitySince = before === undefined ? "" : same ? before.activitySince : message.at;
       drones.set(message.drone_id, { report: message, receivedMs: nowMs, activitySince });
-      return { ...state, drones };
+      return { ...state, drones, history: withReport(state.history, message) };
     }
+    case "command_changed":
+      return { ...state, command: { holder: message.holder, asking: message.asking } };
+    case "plan_view_changed":
+      return { ...state, planView: message.shown };
     case "failsafe_fired":
       return withFailsafe(state, message);
     case "object_pointed_out": {
@@ -114,7 +137,7 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
       return withLine(state, {
         at: new Date(nowMs).toISOString(),
         level: "warning",
-        text: en.log.missed(message.events),
+        text: words.log.missed(message.events),
         droneId: null,
       });
     case "capture_changed":
@@ -143,13 +166,34 @@ function settled(state: ConsoleState, message: ServerMessage, nowMs: number): Co
   if (arriving === null) return state;
   const late = nowMs - arriving.sinceMs > LONGEST_ARRIVAL_MS;
   if (message.type !== "drone_reported" && !late) return state;
-  return { ...state, ...joined(missionOf(state), arriving.mission), arriving: null };
+  const next = { ...state, ...joined(missionOf(state), arriving.mission), arriving: null };
+  return arriving.before === null ? next : withMissed(state, next, arriving.before, nowMs);
+}
+
+/** Say how long the line was gone and what happened meanwhile: the server has told it just now. */
+function withMissed(
+  before: ConsoleState,
+  after: ConsoleState,
+  lost: NonNullable<NonNullable<ConsoleState["arriving"]>["before"]>,
+  nowMs: number,
+): ConsoleState {
+  const events = after.nextLogId - lost.lines;
+  const same = before.capture?.id === after.capture?.id;
+  const had = same ? before.findings.pictures.length : 0;
+  const pictures = Math.max(0, after.findings.pictures.length - had);
+  const seconds = Math.round((nowMs - lost.lostMs) / 1000);
+  return withLine(after, {
+    at: new Date(nowMs).toISOString(),
+    level: "info",
+    text: words.log.back(seconds, events, pictures),
+    droneId: null,
+  });
 }
 
 /** The mission as it arrived, with what only this browser remembers of the same capture. */
 function joined(before: Mission, arrived: Mission): Mission {
   if (arrived.capture === null || before.capture?.id !== arrived.capture.id) return arrived;
-  const { training, quality } = before.findings;
+  const { training, quality, annealing } = before.findings;
   const news = arrived.findings.training;
   const known = news === null || news.at === training?.at;
   return {
@@ -157,6 +201,7 @@ function joined(before: Mission, arrived: Mission): Mission {
     stepEntered: { ...arrived.stepEntered, ...before.stepEntered },
     findings: {
       ...arrived.findings,
+      annealing,
       training: known ? training : news,
       quality: known ? quality : appendReport(quality, training, news),
     },
@@ -178,6 +223,8 @@ type MissionMessage = Exclude<
       | "object_pointed_out"
       | "views_disagree"
       | "priorities_changed"
+      | "plan_view_changed"
+      | "command_changed"
       | "noted"
       | "missed";
   }
@@ -191,7 +238,10 @@ function reduceMission(mission: Mission, message: MissionMessage, live: boolean)
     case "capture_taken":
       return found(mission, { pictures: withPicture(mission.findings.pictures, message) });
     case "plan_progressed":
-      return found(mission, { planning: message });
+      return found(mission, {
+        planning: message,
+        annealing: withProgress(mission.findings.annealing, message),
+      });
     case "plan_found":
       return found(mission, { plan: message, planning: null });
     case "seed_fitted":
@@ -226,6 +276,12 @@ function withHeld(state: ConsoleState, droneId: string | null): ConsoleState["dr
     }
   }
   return drones;
+}
+
+/** The annealing's course; one that begins anew leaves nothing of the last. */
+function withProgress(course: readonly PlanProgress[], news: PlanProgress): readonly PlanProgress[] {
+  const last = course.at(-1);
+  return last !== undefined && news.iteration > last.iteration ? [...course, news] : [news];
 }
 
 /** Pictures in order of taking; one that is reported twice is kept once. */

@@ -6,6 +6,7 @@ export interface QualitySeries {
   readonly seconds: readonly number[];
   readonly trainDb: readonly (number | null)[];
   readonly heldOutDb: readonly (number | null)[];
+  readonly loss: readonly (number | null)[];
   /** Where stages began. */
   readonly stages: readonly { readonly name: string; readonly startS: number }[];
   /** Training seconds spent in earlier stages. */
@@ -16,6 +17,7 @@ export const EMPTY_SERIES: QualitySeries = {
   seconds: [],
   trainDb: [],
   heldOutDb: [],
+  loss: [],
   stages: [],
   offsetS: 0,
 };
@@ -45,6 +47,7 @@ export function appendReport(
     seconds: [...kept.seconds, offsetS + report.seconds],
     trainDb: [...kept.trainDb, report.psnr_db],
     heldOutDb: [...kept.heldOutDb, repeated ? null : report.held_out_psnr_db],
+    loss: [...kept.loss, report.loss],
     stages,
     offsetS,
   };
@@ -59,5 +62,6 @@ function thinned(series: QualitySeries): QualitySeries {
     seconds: pick(series.seconds),
     trainDb: pick(series.trainDb),
     heldOutDb: pick(series.heldOutDb),
+    loss: pick(series.loss),
   };
 }

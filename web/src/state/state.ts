@@ -9,6 +9,7 @@ import type {
   PictureReport,
   PlanProgress,
   PlanReport,
+  PlanView,
   PosesReport,
   PreviewReport,
   PriorityPart,
@@ -16,6 +17,8 @@ import type {
   ServerMessage,
   TrainingReport,
 } from "../protocol/messages.gen";
+import type { FailsafeRow } from "../api/safety";
+import type { History } from "./history";
 import type { Step } from "./phases";
 import { EMPTY_SERIES, type QualitySeries } from "./series";
 
@@ -48,6 +51,8 @@ export interface LogLine {
 export interface Findings {
   readonly pictures: readonly PictureReport[];
   readonly planning: PlanProgress | null;
+  /** The newest annealing from its first report on, as far as this browser saw it. */
+  readonly annealing: readonly PlanProgress[];
   readonly plan: PlanReport | null;
   readonly seed: SeedReport | null;
   readonly poses: PosesReport | null;
@@ -66,6 +71,14 @@ export interface Mission {
   readonly findings: Findings;
 }
 
+/** What arrives after the socket opened, and how the page stood when the last socket was lost. */
+export interface Arrival {
+  readonly mission: Mission;
+  readonly sinceMs: number;
+  /** Null on the page's first socket: there was nothing to miss. */
+  readonly before: { readonly lostMs: number; readonly lines: number } | null;
+}
+
 export interface ConsoleState extends Mission {
   readonly connection: Connection;
   /** Times the socket opened; whatever depends on the server's life starts anew with it. */
@@ -73,12 +86,17 @@ export interface ConsoleState extends Mission {
   readonly lastMessageMs: number | null;
   /** By drone id, in the server's order. */
   readonly drones: ReadonlyMap<string, DroneState>;
+  readonly history: History;
+  /** Which viewpoints the scene shows, in every browser. */
+  readonly planView: PlanView["shown"];
   /**
    * The mission as the server repeats it after the socket opened, until all of it is here; null at
    * all other times. It is kept aside because its parts come in no order that tells them from
    * those of an earlier capture.
    */
-  readonly arriving: { readonly mission: Mission; readonly sinceMs: number } | null;
+  readonly arriving: Arrival | null;
+  /** The failsafe table of the server at hand; null until it is known. */
+  readonly failsafeTable: readonly FailsafeRow[] | null;
   /** The newest failsafes that began to fire, oldest first. */
   readonly failsafes: readonly FailsafeReport[];
   /** By drone id: where the operator pointed the object out, as long as that stands. */
@@ -87,6 +105,8 @@ export interface ConsoleState extends Mission {
   readonly disagreement: DisagreementReport | null;
   /** The parts of the object that shall have better pictures. */
   readonly priorities: readonly PriorityPart[];
+  /** Which browser is in command, and which one asks for it, by their ids; null for nobody. */
+  readonly command: { readonly holder: string | null; readonly asking: string | null };
   /** True once somebody flew from this tab, until they take leave: their silence is a failsafe. */
   readonly inCommand: boolean;
   /** What the operator asked for and did not get; each stands until it is dismissed. */
@@ -100,6 +120,7 @@ export type LocalMessage =
   | { readonly type: "stream_opened" }
   | { readonly type: "stream_lost" }
   | { readonly type: "signed_out" }
+  | { readonly type: "failsafes_known"; readonly rows: readonly FailsafeRow[] }
   | { readonly type: "command_taken" }
   | { readonly type: "command_released" }
   /** The server accepted a hold, for one drone or (null) for all. */
@@ -123,6 +144,7 @@ export type Message = ServerMessage | LocalMessage;
 export const NO_FINDINGS: Findings = {
   pictures: [],
   planning: null,
+  annealing: [],
   plan: null,
   seed: null,
   poses: null,
@@ -144,12 +166,16 @@ export const INITIAL_STATE: ConsoleState = {
   epoch: 0,
   lastMessageMs: null,
   drones: new Map(),
+  history: [],
+  planView: "planned",
   ...NO_MISSION,
   arriving: null,
+  failsafeTable: null,
   failsafes: [],
   picks: new Map(),
   disagreement: null,
   priorities: [],
+  command: { holder: null, asking: null },
   inCommand: false,
   alarms: [],
   log: [],
@@ -176,5 +202,9 @@ export function isGrounded(capture: CaptureReport): boolean {
 
 /** True while a capture flies, trains or waits. */
 export function isActive(capture: CaptureReport): boolean {
-  return capture.state === "queued" || capture.state === "running" || capture.state === "paused";
+  return isActiveState(capture.state);
+}
+
+export function isActiveState(state: CaptureReport["state"]): boolean {
+  return state === "queued" || state === "running" || state === "paused";
 }

@@ -3,15 +3,14 @@ import { clock, count, decimal } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
-import { en } from "../text/en";
-import { PsnrChart } from "./PsnrChart";
+import { words } from "../text/words";
 
 /** The field as it grows: newest rendering, training figures, quality. */
 export function FieldPanel() {
-  const { training, quality, preview, metrics } = useConsole((state) => state.findings);
+  const { training, preview, metrics } = useConsole((state) => state.findings);
   return (
     <Panel
-      title={en.field.title}
+      title={words.field.title}
       className="field"
       aside={training !== null && <span className="chip chip-calm">{stageWord(training.stage)}</span>}
     >
@@ -20,12 +19,12 @@ export function FieldPanel() {
           {preview === null ? (
             <div className="preview-empty" data-testid="preview" data-at="">
               <Icon name="cube" />
-              <figcaption>{en.field.noPreview}</figcaption>
+              <figcaption>{words.field.noPreview}</figcaption>
             </div>
           ) : (
             <img
               src={preview.image}
-              alt={en.field.preview}
+              alt={words.field.preview}
               data-testid="preview"
               data-at={preview.at}
             />
@@ -35,30 +34,29 @@ export function FieldPanel() {
           <Figures training={training} />
           <Metrics metrics={metrics} />
         </div>
-        <PsnrChart series={quality} />
       </div>
     </Panel>
   );
 }
 
 function stageWord(stage: string): string {
-  const words: Readonly<Record<string, string>> = en.field.stage;
-  return words[stage] ?? stage;
+  const names: Readonly<Record<string, string>> = words.field.stage;
+  return names[stage] ?? stage;
 }
 
 function stageTime(training: TrainingReport): string {
   const { seconds, seconds_total: total } = training;
-  return total === null ? clock(seconds) : en.field.of(clock(seconds), clock(total));
+  return total === null ? clock(seconds) : words.field.of(clock(seconds), clock(total));
 }
 
 function Figures({ training }: { readonly training: TrainingReport | null }) {
-  const text = en.field;
+  const text = words.field;
   const rows: readonly (readonly [string, string])[] = [
-    [text.time, training === null ? en.none : stageTime(training)],
-    [text.samples, training === null ? en.none : count(training.samples_per_s)],
-    [text.step, training === null ? en.none : count(training.step)],
-    [text.loss, training?.loss?.toPrecision(3) ?? en.none],
-    [text.images, training === null ? en.none : String(training.images)],
+    [text.time, training === null ? words.none : stageTime(training)],
+    [text.samples, training === null ? words.none : count(training.samples_per_s)],
+    [text.step, training === null ? words.none : count(training.step)],
+    [text.loss, training?.loss?.toPrecision(3) ?? words.none],
+    [text.images, training === null ? words.none : String(training.images)],
   ];
   return (
     <dl className="figures">
@@ -73,7 +71,7 @@ function Figures({ training }: { readonly training: TrainingReport | null }) {
 }
 
 function Metrics({ metrics }: { readonly metrics: MetricsReport | null }) {
-  const text = en.field;
+  const text = words.field;
   return (
     <table className="metrics" data-testid="metrics">
       <caption>
@@ -98,7 +96,7 @@ function Metric(props: { readonly word: string; readonly value: string; readonly
       <th scope="row">{props.word}</th>
       <td>
         {props.value}
-        {props.unit !== "" && props.value !== en.none && <small> {props.unit}</small>}
+        {props.unit !== "" && props.value !== words.none && <small> {props.unit}</small>}
       </td>
     </tr>
   );

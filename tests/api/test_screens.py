@@ -1,0 +1,319 @@
+"""The console's five screens in a browser: what they show, and that everybody can use them."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fake_mission import (
+    DRONES,
+    JPEG,
+    capture_changed,
+    checklist,
+    drone_report,
+    failsafe_fired,
+    level_failed,
+    picture_taken,
+    plan_found,
+    seed_fitted,
+)
+from playwright.async_api import Browser, Error, Page, async_playwright, expect
+from served_console import TOKEN, Console, serve, until
+
+from server.mission.events import MetricsMeasured, PlanProgressed, TrainingProgressed
+from server.stages import Metrics
+from server.swarm.failsafes import FailsafeTable
+
+WEB = Path(__file__).parents[2] / "web"
+AXE = WEB / "node_modules/axe-core/axe.min.js"
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.loopback,
+    pytest.mark.slow,
+    pytest.mark.skipif(not (WEB / "dist/index.html").exists(), reason="no dashboard is built"),
+]
+
+SCREENS = ("fly", "plan", "reconstruct", "library", "setup")
+SIZES = {"desk": (1440, 900), "phone": (390, 844)}
+
+
+@pytest.fixture
+async def browser() -> AsyncIterator[Browser]:
+    async with async_playwright() as playwright:
+        try:
+            browser = await playwright.chromium.launch(
+                executable_path=shutil.which("chromium"), chromium_sandbox=False
+            )
+        except Error as error:
+            pytest.skip(f"no Chromium: {error.message.splitlines()[0]}")
+        try:
+            yield browser
+        finally:
+            await browser.close()
+
+
+def furnish(console: Console) -> None:
+    """Let the mission be in the middle of its second capture, with one in the library."""
+    mission = console.mission
+    for run, state in (("run-1", "succeeded"), ("run-2", "aborted"), ("run-3", "running")):
+        folder = mission.runs / run
+        (folder / "images").mkdir(parents=True)
+        (folder / "images/0000.jpg").write_bytes(JPEG)
+        (folder / "preview.jpg").write_bytes(JPEG)
+        request = {"train_seconds": 60.0, "seed": 3}
+        seconds = {"fly": 60.0, "land": 5.0, "train": 100.0}
+        (folder / "capture.json").write_text(json.dumps({"request": request, "seconds": seconds}))
+        psnr_db = 21.5 if run == "run-1" else 19.25
+        metrics = {"psnr_db": psnr_db, "ssim": 0.61, "flip": 0.2, "images": 24}
+        judged = {**metrics, "images_held_out": 3} if state != "running" else None
+        mission.keep(
+            capture_changed(run, state, "fly" if state == "running" else "done"), None, judged
+        )
+    mission.checks = checklist(level_failed("drone-2"))
+    mission.kept = [seed_fitted(), mission.records["run-3"].status, failsafe_fired("drone-3")]
+    mission.reports["drone-3"] = drone_report("drone-3", activity="holding", video_age_s=4.2)
+
+
+async def tell(console: Console) -> None:
+    """Publish what happens in a capture, so that every panel has something to show."""
+    publish = console.mission.events.publish
+    for iteration, fitness in ((0, 0.5), (2000, 0.7), (4000, 0.75)):
+        publish(PlanProgressed(iteration, 4000, 1e-3, fitness))
+    publish(plan_found())
+    for index in range(10):
+        publish(picture_taken(index, DRONES[index % 4]))
+    for second in range(5):
+        publish(
+            TrainingProgressed(
+                "train", 10 * second, second, 60.0, 0.1, 18.0 + second, None, 5e5, 10
+            )
+        )
+    publish(MetricsMeasured(Metrics(10, 2, 21.0, 0.6, 0.2, 18.0)))
+
+
+async def open_screen(console: Console, page: Page, screen: str) -> None:
+    await page.goto(f"{console.http}/?token={TOKEN}")
+    await expect(page.get_by_test_id("tile-drone-1")).to_be_visible()
+    await tell(console)
+    await page.get_by_test_id(f"screen-{screen}").click()
+    await expect(page.get_by_test_id(f"screen-{screen}")).to_have_attribute("aria-current", "page")
+
+
+async def faults(page: Page) -> list[str]:
+    """Return the serious faults that axe finds on the page, each with the place of the first."""
+    await page.evaluate(AXE.read_text())
+    found = await page.evaluate(
+        """async () => (await axe.run({exclude: [["iframe"]]}, {resultTypes: ["violations"]}))
+            .violations.filter((fault) => ["serious", "critical"].includes(fault.impact))
+            .map((fault) => `${fault.id}: ${fault.nodes.map((node) => node.target).join(" | ")}`)"""
+    )
+    return list(found)
+
+
+@pytest.mark.skipif(not AXE.exists(), reason="axe-core is not installed")
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+async def test_no_screen_has_a_serious_fault(
+    tmp_path: Path, browser: Browser, scheme: str, size: str
+) -> None:
+    width, height = SIZES[size]
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page(
+            viewport={"width": width, "height": height},
+            color_scheme="dark" if scheme == "dark" else "light",
+            reduced_motion="reduce",
+        )
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        wrong: dict[str, list[str]] = {}
+        for screen in SCREENS:
+            await open_screen(console, page, screen)
+            if screen == "library":
+                await page.get_by_test_id("mark-run-1").check()
+                await page.get_by_test_id("mark-run-2").check()
+                await page.get_by_test_id("compare").click()
+                await expect(page.get_by_test_id("difference-psnr")).to_contain_text("19.25")
+            if screen == "setup":
+                await expect(page.get_by_test_id("fleet")).to_be_visible()
+                await page.get_by_test_id("settings-search").fill("control_rate")
+            # Nothing is wider than its window: a console is not for scrolling sideways.
+            beyond = "document.documentElement.scrollWidth - innerWidth"
+            assert await page.evaluate(beyond) <= 0, screen
+            found = await faults(page)
+            if found:
+                wrong[screen] = found
+        await page.close()
+    assert wrong == {}
+    assert errors == []
+
+
+async def test_keys_go_from_screen_to_screen_and_hold_from_each(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "fly")
+        for number, screen in enumerate(SCREENS, start=1):
+            await page.keyboard.press(str(number))
+            await expect(page.locator("main")).to_have_class(f"console console-{screen}")
+            await expect(page).to_have_url(f"{console.http}/#/{screen}")
+            # The stops are there, and the space bar is one of them.
+            await expect(page.get_by_test_id("cut")).to_be_visible()
+            await page.keyboard.press("Space")
+            await until(lambda n=number: console.stops.calls == n * [("hold", None)])
+        # Where digits are typed they are digits.
+        await page.get_by_test_id("settings-search").fill("")
+        await page.get_by_test_id("settings-search").press("1")
+        await expect(page.locator("main")).to_have_class("console console-setup")
+        await page.go_back()
+        await expect(page.locator("main")).to_have_class("console console-library")
+        await page.close()
+
+
+async def test_captures_are_looked_at_compared_and_deleted(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        # The newest first; one that flies can be looked at and not be deleted.
+        names = page.locator(".capture-name")
+        assert [await each.inner_text() for each in await names.all()] == [
+            "run-3",
+            "run-2",
+            "run-1",
+        ]
+        await names.nth(0).click()
+        await expect(page.get_by_test_id("run")).to_have_attribute("data-run", "run-3")
+        await expect(page.get_by_test_id("delete-capture")).to_have_count(0)
+
+        await page.get_by_test_id("mark-run-1").check()
+        await page.get_by_test_id("mark-run-2").check()
+        await expect(page.get_by_test_id("mark-run-3")).to_be_disabled()
+        await page.get_by_test_id("compare").click()
+        row = page.get_by_test_id("difference-psnr")
+        await expect(row).to_contain_text("21.50 dB better")
+        await expect(row).to_contain_text("2.25 dB", use_inner_text=True)
+        slider = page.get_by_test_id("compare-slider")
+        await slider.focus()
+        await page.keyboard.press("Home")
+        await expect(slider).to_have_attribute("aria-valuetext", "0 % of B")
+
+        await page.goto(f"{console.http}/#/library/run-2")
+        async with page.expect_download() as waiting:
+            await page.get_by_role("link", name="capture.json").click()
+        assert (await waiting.value).suggested_filename == "capture.json"
+        delete = page.get_by_test_id("delete-capture")
+        await delete.click()
+        assert (console.mission.runs / "run-2").is_dir()
+        await delete.click()
+        await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
+        assert not (console.mission.runs / "run-2").exists()
+        assert list(console.mission.records) == ["run-1", "run-3"]
+        await page.close()
+
+
+async def test_the_plan_is_shown_to_whoever_comes_later(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "plan")
+        curve = page.get_by_test_id("annealing-curve")
+        await expect(curve).to_have_attribute("data-points", "3")
+        await page.reload()
+        await expect(curve).to_have_attribute("data-points", "3")
+        await expect(page.locator(".viewpoints tbody tr")).to_have_count(8)
+        await page.close()
+
+
+async def test_a_silent_drone_counts_down_and_one_that_rests_is_no_alarm(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        publish = console.mission.events.publish
+        # Reports come when this test sends them; their silence shall not be what counts down.
+        calm = {"hold": 500.0, "land": 1000.0}
+        console.mission.table = replace(FailsafeTable(), state_age_s=calm)
+        page = await browser.new_page()
+        await page.goto(f"{console.http}/?token={TOKEN}")
+        tile = page.get_by_test_id("tile-drone-1")
+        await expect(tile).to_contain_text("NO VIDEO")
+
+        # Between the rows that hold and land: the hold has acted, the landing comes.
+        publish(drone_report("drone-1", activity="holding", video_age_s=5.0))
+        note = page.get_by_test_id("countdown-drone-1")
+        await expect(note).to_contain_text(re.compile(r"Land in \d+ s: No picture"))
+
+        publish(drone_report("drone-1", activity="ground", video_age_s=40.0, video_wanted=False))
+        await expect(note).to_have_count(0)
+        await expect(tile).to_contain_text("Video off")
+        await expect(tile).not_to_contain_text("NO VIDEO")
+        await page.close()
+
+
+async def test_one_browser_flies_and_the_other_asks_for_it(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        calls = console.mission.calls
+        pages = [await (await browser.new_context()).new_page() for _ in range(2)]
+        for page in pages:
+            await page.goto(f"{console.http}/?token={TOKEN}")
+            await expect(page.get_by_test_id("tile-drone-1")).to_be_visible()
+        flies, watches = pages
+        await flies.get_by_test_id("capture-start").click()
+        await flies.get_by_test_id("preflight-start").click()
+        await expect(flies.get_by_test_id("in-command")).to_be_visible()
+        await expect(watches.get_by_test_id("watching")).to_contain_text("Another browser")
+
+        # Who watches does not fly, and is told why; the stops are everybody's.
+        console.mission.keep(capture_changed("run-1", "paused", "fly"))
+        console.mission.events.publish(console.mission.records["run-1"].status)
+        await watches.get_by_test_id("capture-resume").click()
+        await expect(watches.get_by_test_id("alarm")).to_contain_text(
+            "another browser is in command"
+        )
+        assert console.mission.records["run-1"].status.state == "paused"
+        await watches.get_by_test_id("land").click()
+        await until(lambda: console.stops.calls == [("land", None)])
+
+        await watches.get_by_test_id("ask-command").click()
+        await flies.get_by_test_id("hand-over").click()
+        await expect(watches.get_by_test_id("in-command")).to_be_visible()
+        await expect(flies.get_by_test_id("watching")).to_be_visible()
+        await watches.get_by_test_id("capture-resume").click()
+        await until(lambda: console.mission.records["run-1"].status.state == "running")
+
+        # Taking it needs no answer, but a second press.
+        await flies.get_by_test_id("take-command").click()
+        await flies.get_by_test_id("take-command").click()
+        await expect(flies.get_by_test_id("in-command")).to_be_visible()
+        await expect(watches.get_by_test_id("watching")).to_be_visible()
+        assert "left" not in console.mission.operator
+        assert [name for name, _ in calls] == ["start"]
+
+
+async def test_another_language_comes_with_the_next_load(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        page = await browser.new_page()
+        await open_screen(console, page, "setup")
+        await page.get_by_test_id("language").select_option("de")
+        await expect(page.locator("html")).to_have_attribute("lang", "de")
+        await expect(page.get_by_test_id("screen-library")).to_contain_text("Bibliothek")
+        await page.get_by_test_id("language").select_option("en")
+        await expect(page.get_by_test_id("screen-library")).to_contain_text("Library")
+        await page.close()
+
+        german = await browser.new_page(locale="de-AT")
+        await german.goto(f"{console.http}/?token={TOKEN}")
+        await expect(german.get_by_test_id("screen-fly")).to_contain_text("Fliegen")
+        await german.close()

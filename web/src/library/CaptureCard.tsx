@@ -1,0 +1,61 @@
+import type { CaptureEntry } from "../api/library";
+import { decimal, moment } from "../design/format";
+import { hashOfScreen } from "../shell/screens";
+import { words } from "../text/words";
+import { CaptureChip } from "../mission/CaptureStatus";
+import { RunPicture } from "./RunPicture";
+
+interface CaptureCardProps {
+  readonly entry: CaptureEntry;
+  readonly current: boolean;
+  readonly marked: boolean;
+  /** True when two are marked already. */
+  readonly full: boolean;
+  readonly onMark: (mark: boolean) => void;
+}
+
+/** One capture of the list: picture, name, state and figures. */
+export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCardProps) {
+  const name = entry.name === "" ? entry.id : entry.name;
+  const psnr = entry.metrics?.psnr_db ?? null;
+  const text = words.library;
+  return (
+    <li className={`capture-card ${current ? "is-current" : ""}`} data-testid={`capture-${entry.id}`}>
+      <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt="" />
+      <div className="capture-words">
+        <a
+          className="capture-name"
+          href={hashOfScreen("library", entry.id)}
+          aria-current={current ? "true" : undefined}
+        >
+          {name}
+        </a>
+        <span className="capture-when">{moment(entry.started_at)}</span>
+        <span className="capture-line">
+          <CaptureChip state={entry.state} />
+          <span>{modeWord(entry.mode)}</span>
+          <span>{text.pictures(entry.images, entry.images_total)}</span>
+          {psnr !== null && <strong>{decimal(psnr, 2)} dB</strong>}
+        </span>
+      </div>
+      <label className="mark">
+        <input
+          type="checkbox"
+          checked={marked}
+          disabled={full && !marked}
+          data-testid={`mark-${entry.id}`}
+          onChange={(event) => {
+            onMark(event.target.checked);
+          }}
+        />
+        <span className="mark-word">{text.mark}</span>
+        <span className="sr-only"> {name}</span>
+      </label>
+    </li>
+  );
+}
+
+export function modeWord(mode: string): string {
+  const names: Readonly<Record<string, string>> = words.mission.mode;
+  return names[mode] ?? mode;
+}

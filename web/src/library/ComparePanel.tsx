@@ -1,0 +1,151 @@
+import { useState } from "react";
+import { artifactUrl, getCaptureFile, pictureFile, type CaptureEntry } from "../api/library";
+import { useAnswer } from "../api/useAnswer";
+import { decimal, moment } from "../design/format";
+import { Panel } from "../design/Panel";
+import { hashOfScreen } from "../shell/screens";
+import { words } from "../text/words";
+import { modeWord } from "./CaptureCard";
+import { differences, winner, type Difference } from "./run";
+
+interface Pair {
+  readonly a: CaptureEntry;
+  readonly b: CaptureEntry;
+}
+
+/** Two captures: one picture of both under a slider, and what their figures differ in. */
+export function ComparePanel({ a, b }: Pair) {
+  const text = words.library;
+  return (
+    <Panel
+      title={text.compareTitle}
+      className="compare"
+      aside={<a href={hashOfScreen("library", a.id)}>{text.back}</a>}
+    >
+      <div className="compare-body" data-testid="comparison">
+        <Slider a={a} b={b} />
+        <Table a={a} b={b} />
+      </div>
+    </Panel>
+  );
+}
+
+function nameOf(entry: CaptureEntry): string {
+  return entry.name === "" ? entry.id : entry.name;
+}
+
+function Slider({ a, b }: Pair) {
+  const [share, setShare] = useState(50);
+  const [file, setFile] = useState("preview.jpg");
+  const text = words.library;
+  const pictures = Math.min(a.images, b.images);
+  return (
+    <figure className="slider">
+      <div className="slider-pictures" style={{ "--share": `${share}%` } as React.CSSProperties}>
+        <img src={artifactUrl(a.id, file)} alt={text.rendering(nameOf(a))} />
+        <img className="slider-over" src={artifactUrl(b.id, file)} alt={text.rendering(nameOf(b))} />
+        <span className="slider-name slider-name-a">A</span>
+        <span className="slider-name slider-name-b">B</span>
+      </div>
+      <div className="slider-controls">
+        <label>
+          {text.slide}
+          <input
+            type="range"
+            min={0}
+            max={100}
+            value={share}
+            data-testid="compare-slider"
+            aria-valuetext={text.slideAt(share)}
+            onChange={(event) => {
+              setShare(Number(event.target.value));
+            }}
+          />
+        </label>
+        <label>
+          {text.picture}
+          <select
+            className="select-small"
+            value={file}
+            onChange={(event) => {
+              setFile(event.target.value);
+            }}
+          >
+            <option value="preview.jpg">{text.lastRendering}</option>
+            {Array.from({ length: pictures }, (_, index) => (
+              <option key={index} value={pictureFile(index)}>
+                {text.taken(index + 1)}
+              </option>
+            ))}
+          </select>
+        </label>
+      </div>
+    </figure>
+  );
+}
+
+function Table({ a, b }: Pair) {
+  const fileA = useAnswer(a.id, () => getCaptureFile(a.id)).value;
+  const fileB = useAnswer(b.id, () => getCaptureFile(b.id)).value;
+  const text = words.library;
+  return (
+    <>
+      <div className="table-scroll" tabIndex={0} role="region" aria-label={text.differences}>
+        <table className="table differences">
+          <thead>
+            <tr>
+              <th scope="col">{text.figure}</th>
+              <th scope="col">A: {nameOf(a)}</th>
+              <th scope="col">B: {nameOf(b)}</th>
+              <th scope="col">B − A</th>
+            </tr>
+          </thead>
+          <tbody>
+            <tr>
+              <th scope="row">{text.started}</th>
+              <td>{moment(a.started_at)}</td>
+              <td>{moment(b.started_at)}</td>
+              <td />
+            </tr>
+            <tr>
+              <th scope="row">{words.mission.form.mode}</th>
+              <td>{modeWord(a.mode)}</td>
+              <td>{modeWord(b.mode)}</td>
+              <td />
+            </tr>
+            {differences(a, b, fileA, fileB).map((row) => (
+              <Row key={row.key} row={row} />
+            ))}
+          </tbody>
+        </table>
+      </div>
+      <p className="hint">{text.caution}</p>
+    </>
+  );
+}
+
+function Row({ row }: { readonly row: Difference }) {
+  const { a, b, digits, unit } = row;
+  const best = winner(row);
+  const value = (number: number | null) =>
+    number === null ? words.none : `${decimal(number, digits)} ${unit}`.trim();
+  const difference = a === null || b === null ? null : b - a;
+  return (
+    <tr data-testid={`difference-${row.key}`}>
+      <th scope="row">{words.library.row[row.key]}</th>
+      <td className={best === "a" ? "is-best" : ""}>
+        {value(a)}
+        {best === "a" && <small> {words.library.better}</small>}
+      </td>
+      <td className={best === "b" ? "is-best" : ""}>
+        {value(b)}
+        {best === "b" && <small> {words.library.better}</small>}
+      </td>
+      <td>
+        {difference === null
+          ? words.none
+          : `${difference > 0 ? "+" : ""}${value(difference)}`.replace("-", "−")}
+      </td>
+    </tr>
+  );
+}

@@ -1,0 +1,134 @@
+import { getArtifacts, getCaptureFile, type Artifact, type CaptureEntry } from "../api/library";
+import { useAnswer } from "../api/useAnswer";
+import { useOperator } from "../context";
+import { ConfirmButton } from "../design/ConfirmButton";
+import { bytes, clock, decimal, moment, withUnit } from "../design/format";
+import { Icon } from "../design/Icon";
+import { Panel } from "../design/Panel";
+import { CaptureChip } from "../mission/CaptureStatus";
+import { hashOfScreen } from "../shell/screens";
+import { isActiveState } from "../state/state";
+import { words } from "../text/words";
+import { modeWord } from "./CaptureCard";
+import { filesByFolder, flightSeconds } from "./run";
+import { RunPicture } from "./RunPicture";
+
+/** One capture: its rendering, its figures, its files, and what can be done with it. */
+export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; readonly onDeleted: () => void }) {
+  const operator = useOperator();
+  const { value: files, error } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
+  const text = words.library;
+  const name = entry.name === "" ? entry.id : entry.name;
+  return (
+    <Panel title={name} className="run" aside={<CaptureChip state={entry.state} />}>
+      <div className="run-body" data-testid="run" data-run={entry.id}>
+        <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt={text.rendering(name)} />
+        <RunFacts entry={entry} />
+        {error !== null && <p className="field-error">{text.failed(error)}</p>}
+        {files !== null && <Replay files={files} run={entry.run} />}
+        {files !== null && <Files files={files} />}
+        {!isActiveState(entry.state) && (
+          <div className="run-actions">
+            <ConfirmButton
+              className="button-danger"
+              testId="delete-capture"
+              label={
+                <>
+                  <Icon name="trash" />
+                  {text.delete}
+                </>
+              }
+              confirm={
+                <>
+                  <Icon name="trash" />
+                  {text.deleteConfirm}
+                </>
+              }
+              onConfirm={() => {
+                void operator.deleteCapture(entry.id).then((done) => {
+                  if (!done) return;
+                  location.hash = hashOfScreen("library");
+                  onDeleted();
+                });
+              }}
+            />
+          </div>
+        )}
+      </div>
+    </Panel>
+  );
+}
+
+function RunFacts({ entry }: { readonly entry: CaptureEntry }) {
+  const { value: file } = useAnswer(entry.id, () => getCaptureFile(entry.id));
+  const text = words.library;
+  const { metrics } = entry;
+  const flown = flightSeconds(file?.seconds);
+  const rows: (readonly [string, string])[] = [
+    [text.started, moment(entry.started_at)],
+    [words.mission.form.mode, modeWord(entry.mode)],
+    [words.mission.pictures, text.pictures(entry.images, entry.images_total)],
+    [text.flight, flown === null ? words.none : clock(flown)],
+    [words.field.psnr, dB(metrics?.psnr_db)],
+    [words.field.psnrObject, dB(metrics?.psnr_db_object)],
+    [words.field.ssim, decimal(metrics?.ssim, 3)],
+    [words.field.flip, decimal(metrics?.flip, 3)],
+    [words.mission.run, entry.run],
+  ];
+  return (
+    <>
+      <dl className="findings">
+        {rows.map(([word, value]) => (
+          <div key={word}>
+            <dt>{word}</dt>
+            <dd>{value}</dd>
+          </div>
+        ))}
+      </dl>
+      {metrics?.images_held_out !== undefined && metrics.images !== undefined && (
+        <p className="hint">{words.field.measuredOn(metrics.images_held_out, metrics.images)}</p>
+      )}
+      {entry.error !== null && <p className="field-error">{entry.error}</p>}
+    </>
+  );
+}
+
+function dB(value: number | null | undefined): string {
+  return withUnit(value ?? null, 2, "dB");
+}
+
+/** How a recording is flown again: by the program, as everything goes through the same pipeline. */
+function Replay({ files, run }: { readonly files: readonly Artifact[]; readonly run: string }) {
+  if (!files.some((file) => file.path === "recording.mcap")) return null;
+  return (
+    <p className="replay">
+      {words.library.replay} <code>dronerf replay {run}/recording.mcap</code>
+    </p>
+  );
+}
+
+function Files({ files }: { readonly files: readonly Artifact[] }) {
+  const text = words.library;
+  const total = files.reduce((sum, file) => sum + file.size_bytes, 0);
+  return (
+    <section className="files" aria-label={text.files}>
+      <h3>{text.filesOf(files.length, bytes(total))}</h3>
+      {filesByFolder(files).map(({ folder, files: inside }) => (
+        <details key={folder} open={folder === ""}>
+          <summary>{folder === "" ? text.runFolder : text.folder(folder, inside.length)}</summary>
+          <ul>
+            {inside.map((file) => (
+              <li key={file.path}>
+                <a href={file.url} download={file.path.split("/").at(-1)}>
+                  <Icon name="download" />
+                  {folder === "" ? file.path : file.path.slice(folder.length + 1)}
+                </a>
+                <span>{bytes(file.size_bytes)}</span>
+              </li>
+            ))}
+          </ul>
+        </details>
+      ))}
+    </section>
+  );
+}

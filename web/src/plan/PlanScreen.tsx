@@ -1,0 +1,30 @@
+import { getPlan } from "../api/plans";
+import { useAnswer } from "../api/useAnswer";
+import { useConsole } from "../context";
+import { ScenePanel } from "../scene/ScenePanel";
+import { AnnealingPanel } from "./AnnealingPanel";
+import { PlanPanel } from "./PlanPanel";
+import { PlanViewSwitch } from "./PlanViewSwitch";
+import { TopView } from "./TopView";
+import { ViewpointsPanel } from "./ViewpointsPanel";
+
+/** Where the pictures are taken: the scene, what was chosen and what it costs. */
+export function PlanScreen() {
+  const known = useConsole((state) => `${state.epoch} ${state.findings.plan?.at ?? ""}`);
+  const { value: plan, error } = useAnswer(known, getPlan);
+  return (
+    <>
+      <div className="column column-scene">
+        <ScenePanel aside={<PlanViewSwitch comparable={(plan?.ring.length ?? 0) > 0} />} />
+      </div>
+      <div className="column column-plan">
+        <PlanPanel plan={plan} error={error} />
+        <TopView plan={plan} />
+      </div>
+      <div className="column column-plan">
+        <AnnealingPanel plan={plan} />
+        <ViewpointsPanel plan={plan} />
+      </div>
+    </>
+  );
+}

@@ -1,0 +1,90 @@
+import { artifactUrl, pictureFile } from "../api/library";
+import { useConsole } from "../context";
+import { Icon } from "../design/Icon";
+import { Panel } from "../design/Panel";
+import type { PictureReport } from "../protocol/messages.gen";
+import { words } from "../text/words";
+import { pictureState } from "./pictureState";
+
+/** All pictures of the capture with what became of each; places for those still to be taken. */
+export function PicturesPanel() {
+  const pictures = useConsole((state) => state.findings.pictures);
+  const total = useConsole((state) => state.capture?.images_total ?? 0);
+  const byIndex = new Map(pictures.map((picture) => [picture.index, picture]));
+  const places = Math.max(total, (pictures.at(-1)?.index ?? -1) + 1);
+  return (
+    <Panel
+      title={words.strip.title}
+      className="pictures"
+      aside={places > 0 && <span>{words.strip.taken(pictures.length, places)}</span>}
+    >
+      {places === 0 ? (
+        <p className="empty">{words.strip.nothing}</p>
+      ) : (
+        // The list scrolls, so the keyboard must reach it.
+        <ol className="sheet" tabIndex={0} aria-label={words.strip.title}>
+          {Array.from({ length: places }, (_, index) => (
+            <li key={index}>
+              <Place number={index + 1} picture={byIndex.get(index)} />
+            </li>
+          ))}
+        </ol>
+      )}
+    </Panel>
+  );
+}
+
+function Place({ number, picture }: { readonly number: number; readonly picture: PictureReport | undefined }) {
+  if (picture === undefined) {
+    return (
+      <span className="place">
+        {number}
+        <span className="sr-only"> {words.strip.empty}</span>
+      </span>
+    );
+  }
+  return <Picture picture={picture} />;
+}
+
+function Picture({ picture }: { readonly picture: PictureReport }) {
+  const drone = useConsole((state) => state.drones.get(picture.drone_id)?.report);
+  const captureId = useConsole((state) => state.capture?.id ?? "");
+  const { poses, training, metrics } = useConsole((state) => state.findings);
+  const state = pictureState(picture.index, poses, training, metrics);
+  const number = picture.index + 1;
+  const label = words.strip.picture(number, drone?.name ?? picture.drone_id, picture.round_index + 1);
+  const file = artifactUrl(captureId, pictureFile(picture.index));
+  return (
+    <a
+      className="picture"
+      href={file}
+      target="_blank"
+      rel="noreferrer"
+      title={label}
+      style={{ "--drone": drone?.colour ?? "var(--line)" } as React.CSSProperties}
+      data-testid={`picture-${picture.index}`}
+    >
+      <span className="place is-taken">
+        <img src={picture.thumbnail} alt={label} width={160} height={120} />
+        <span className="place-number" aria-hidden="true">
+          {number}
+        </span>
+      </span>
+      <span className="picture-state">
+        {state.heldOut && <span className="tag tag-held-out">{words.strip.heldOut}</span>}
+        {state.used && (
+          <span className="tag">
+            <Icon name="check" />
+            {words.strip.used}
+          </span>
+        )}
+        {state.pose === "flight" && (
+          <span className="tag tag-warning">
+            <Icon name="warning" />
+            {words.strip.flightPose}
+          </span>
+        )}
+      </span>
+    </a>
+  );
+}

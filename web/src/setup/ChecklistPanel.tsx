@@ -1,0 +1,62 @@
+import { useConsole } from "../context";
+import { Icon } from "../design/Icon";
+import { Panel } from "../design/Panel";
+import { CheckRow } from "../preflight/CheckRow";
+import { groups, type Group } from "../preflight/readiness";
+import type { Preflight } from "../preflight/usePreflight";
+import { words } from "../text/words";
+
+/** The preflight checklist as it stands, and what to do about each failure. */
+export function ChecklistPanel({ preflight: { checks, error } }: { readonly preflight: Preflight }) {
+  const failed = (checks ?? []).filter((check) => !check.passed).length;
+  const text = words.preflight;
+  const good = checks !== null && error === null && failed === 0;
+  return (
+    <Panel
+      title={words.setup.checklist}
+      className="checklist"
+      aside={
+        <span className={`chip ${good ? "chip-good" : "chip-bad"}`} role="status" data-testid="checklist-verdict">
+          <Icon name={good ? "check" : "warning"} />
+          {error !== null ? text.stale(error) : checks === null ? text.asking : good ? text.clear : text.notOk(failed)}
+        </span>
+      }
+    >
+      <div className="check-groups">
+        {groups(checks ?? []).map((group) => (
+          <DroneChecks key={group.droneId ?? ""} group={group} />
+        ))}
+      </div>
+      <p className="hint">{words.setup.overrides}</p>
+    </Panel>
+  );
+}
+
+/** A drone's items; those of one that is ready are folded away. */
+function DroneChecks({ group }: { readonly group: Group }) {
+  const drone = useConsole((state) =>
+    group.droneId === null ? undefined : state.drones.get(group.droneId)?.report,
+  );
+  const failed = group.checks.filter((check) => !check.passed).length;
+  const name = drone?.name ?? group.droneId ?? words.preflight.console;
+  return (
+    <details
+      className="check-group"
+      open={failed > 0}
+      style={{ "--drone": drone?.colour ?? "var(--line)" } as React.CSSProperties}
+    >
+      <summary>
+        <h3 className={group.droneId === null ? "" : "card-name"}>{name}</h3>
+        <span className={`chip ${failed === 0 ? "chip-good" : "chip-bad"}`}>
+          <Icon name={failed === 0 ? "check" : "abort"} />
+          {failed === 0 ? words.preflight.ready : words.preflight.notOk(failed)}
+        </span>
+      </summary>
+      <ul>
+        {group.checks.map((check) => (
+          <CheckRow key={check.key} check={check} />
+        ))}
+      </ul>
+    </details>
+  );
+}
