@@ -229,10 +229,11 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
             images=len(pictures),
         )
 
-    camera = before.intrinsics[0]
+    listed = [picture for picture in flown if picture.still]
+    calibrated = dict(zip((picture.drone_id for picture in listed), before.intrinsics, strict=True))
     poses = refine_poses(
         pictures,
-        camera,
+        [calibrated.get(picture.drone_id, before.intrinsics[0]) for picture in flown],
         folder / "jobs" / "poses",
         PoseConfig(threads=spec.threads, seed=spec.seed),
         on_progress,
@@ -240,18 +241,28 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
     )
     stills = np.array([picture.still for picture in pictures])
     T_world_cam, refined = poses.T_world_cam[stills], poses.refined[stills]
-    listed = [picture for picture in flown if picture.still]
+    sigma_m, sigma_rad = poses.sigma_m[stills], poses.sigma_rad[stills]
+    cameras = tuple(camera for camera, p in zip(poses.intrinsics, flown, strict=True) if p.still)
     write_transforms(
         folder,
-        [PosedFile(p.file, T, p.mask) for p, T in zip(listed, T_world_cam, strict=True)],
-        camera,
+        [
+            PosedFile(p.file, T, p.mask, camera)
+            for p, T, camera in zip(listed, T_world_cam, cameras, strict=True)
+        ],
+        before.intrinsics[0],
         before.object_box,
     )
     about = {
         "message": poses.message,
         "reprojection_rms_px": poses.reprojection_rms_px,
         "pictures": [
-            {"file": p.file, "refined": bool(done)} for p, done in zip(listed, refined, strict=True)
+            {
+                "file": p.file,
+                "refined": bool(done),
+                "sigma_m": round(float(metres), 5),
+                "sigma_deg": round(float(np.rad2deg(radians)), 4),
+            }
+            for p, done, metres, radians in zip(listed, refined, sigma_m, sigma_rad, strict=True)
         ],
     }
     (folder / "poses.json").write_text(json.dumps(about, indent=1))
@@ -259,7 +270,14 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
         "refined", T_world_cam=T_world_cam.tolist(), refined=refined.tolist(), message=poses.message
     )
     return RefinedPoses(
-        T_world_cam, refined, poses.reprojection_rms_px, poses.points_world, poses.message
+        T_world_cam,
+        refined,
+        sigma_m,
+        sigma_rad,
+        cameras,
+        poses.reprojection_rms_px,
+        poses.points_world,
+        poses.message,
     )
 
 
