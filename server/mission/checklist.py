@@ -144,6 +144,18 @@ def check_disk(runs: Path) -> Check:
     )
 
 
+def check_console(failed_task: str) -> Check:
+    """Return the check of the console itself; ``failed_task`` names a standing task that ended."""
+    return Check(
+        "console",
+        None,
+        passed=not failed_task,
+        found=f"its task “{failed_task}” has failed" if failed_task else "all its tasks run",
+        remedy="Restart the console." if failed_task else "",
+        final=bool(failed_task),
+    )
+
+
 def problems(checks: Sequence[Check], overrides: Mapping[str, str]) -> list[Check]:
     """Return the checks that keep a capture on the ground.
 

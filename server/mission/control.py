@@ -21,7 +21,7 @@ from typing import Any
 import cv2
 
 from server.jobs.runner import JobRunner, LocalRunner
-from server.mission.checklist import Check, check_disk, check_drone, problems
+from server.mission.checklist import Check, check_console, check_disk, check_drone, problems
 from server.mission.commands import (
     CaptureRecord,
     CaptureRequest,
@@ -248,7 +248,7 @@ class Control:
         now_s = asyncio.get_running_loop().time()
         drones = self._fleet.drones.values()
         checks = [c for drone in drones for c in check_drone(drone, now_s, self._config.safety)]
-        return [*checks, check_disk(self._runs)]
+        return [*checks, check_console(self._failed_task), check_disk(self._runs)]
 
     def failsafes(self) -> tuple[Failsafe, ...]:
         """Return the failsafe table, row by row."""
@@ -379,11 +379,13 @@ class Control:
         current = self._mission is not None and self._mission.run_folder.id == capture_id
         if current and any(task is not None and not task.done() for task in (flown, recorded)):
             raise RefusedError("this capture is not over; abort it first")
-        del self._records[capture_id]
         try:
             await asyncio.to_thread(delete_run, folder)
         except (OSError, ValueError) as error:
             raise RefusedError(f"not all of it could be deleted: {error}") from error
+        finally:
+            if not folder.exists():
+                self._records.pop(capture_id, None)
 
     async def wait_for_capture(self, capture_id: str) -> CaptureRecord:
         """Return the capture's record once it has ended; raises UnknownError."""

@@ -235,8 +235,10 @@ class Flight:
             self.cut_motors()
         elif action in ("land", "land_all") and self.doing != "landing":
             self.land_now()
-            if action == "land_all" and self._on_land_all is not None:
-                self._on_land_all()
+        # Also when it lands already: the row for one drone comes before the row for all.
+        lands_all = any(one.failsafe.action == "land_all" for one in begun)
+        if lands_all and self._on_land_all is not None:
+            self._on_land_all()
         for fired in begun:
             _LOG.warning("%s: %s: %s", self._drone_id, fired.failsafe.action, fired.text)
             if self._on_fired is not None:

@@ -1,12 +1,25 @@
+import asyncio
 import json
+import shutil
 from datetime import datetime
 
-from server.mission.control import _records_on_disk
+import pytest
+
+from server.mission.checklist import problems
+from server.mission.commands import RefusedError, UnknownError
+from server.mission.config import FlightConfig, MissionConfig
+from server.mission.control import Control, _records_on_disk
+from server.mission.events import EventStream
+from server.planner.config import PlannerConfig
+from server.sim.config import SimConfig, fleet_config
 from server.store.runs import RunFolder
+from server.swarm.config import SafetyConfig
+from server.swarm.fleet import Fleet
+from server.vision.config import VisionConfig
 
 
-def test_a_capture_that_was_running_when_the_console_ended_is_interrupted(tmp_path):
-    run = RunFolder.create(tmp_path, "bin")
+def running_capture(runs):
+    run = RunFolder.create(runs, "bin")
     run.write_state(
         {
             "request": {"mode": "standard", "pictures": 8},
@@ -28,6 +41,11 @@ def test_a_capture_that_was_running_when_the_console_ended_is_interrupted(tmp_pa
             },
         }
     )
+    return run
+
+
+def test_a_capture_that_was_running_when_the_console_ended_is_interrupted(tmp_path):
+    run = running_capture(tmp_path)
     (run.path / "metrics.json").write_text(json.dumps({"psnr_db": 21.0}))
     record = _records_on_disk(tmp_path)[run.id]
     assert record.status.state == "interrupted"
@@ -35,3 +53,53 @@ def test_a_capture_that_was_running_when_the_console_ended_is_interrupted(tmp_pa
     assert isinstance(record.status.at, datetime)
     assert record.request.pictures == 8
     assert record.metrics == {"psnr_db": 21.0}
+
+
+def test_a_standing_task_that_ended_keeps_every_capture_on_the_ground(tmp_path):
+    async def story():
+        config = FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
+        fleet = Fleet(fleet_config(SimConfig(drones=1)), config.safety)
+        control = Control(fleet, tmp_path, config, EventStream())
+        console = {check.item: check for check in control.preflight()}["console"]
+        assert console.passed
+
+        async def fails():
+            raise ZeroDivisionError
+
+        task = asyncio.create_task(fails(), name="reports")
+        task.add_done_callback(control._on_task_end)
+        await asyncio.wait([task])
+        await asyncio.sleep(0)
+        console = {check.item: check for check in control.preflight()}["console"]
+        assert not console.passed
+        assert console.final
+        assert "reports" in console.found
+        assert problems([console], {"console": "it will be fine"}) == [console]
+
+    asyncio.run(story())
+
+
+def test_a_capture_that_cannot_be_deleted_stays_in_the_list(tmp_path, monkeypatch):
+    async def story():
+        run = running_capture(tmp_path)
+        config = FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
+        fleet = Fleet(fleet_config(SimConfig(drones=1)), config.safety)
+        control = Control(fleet, tmp_path, config, EventStream())
+
+        def busy(_path):
+            raise OSError(16, "Device or resource busy")
+
+        with monkeypatch.context() as patched:
+            patched.setattr("server.mission.control.delete_run", busy)
+            with pytest.raises(RefusedError, match="busy"):
+                await control.delete_capture(run.id)
+        assert control.capture(run.id).status.state == "interrupted"
+        with monkeypatch.context() as patched:
+            # The run is out of the library already when its files turn out to be stuck.
+            patched.setattr(shutil, "rmtree", busy)
+            with pytest.raises(RefusedError, match="busy"):
+                await control.delete_capture(run.id)
+        with pytest.raises(UnknownError):
+            control.capture(run.id)
+
+    asyncio.run(story())

@@ -165,6 +165,25 @@ def test_one_that_must_land_all_lands_the_fleet() -> None:
     in_virtual_time(story())
 
 
+def test_one_that_lands_already_still_lands_the_fleet_when_a_row_says_so() -> None:
+    async def story() -> None:
+        links = {f"d{k}": AirLink(seed=k) for k in range(3)}
+        table = FailsafeTable(standoff_m={"land": 0.5, "land_all": 0.2})
+        fleet = fleet_on(links, safety=SafetyConfig(failsafes=table))
+        async with fleet:
+            assert await fleet.connect() == {}
+            await asyncio.gather(*(drone.take_off() for drone in fleet.drones.values()))
+            fleet.drones["d1"].observe_flight(replace(WELL, standoff_m=0.4), now_s())
+            await asyncio.sleep(0.1)
+            assert fleet.drones["d1"].activity == "landing"
+            assert fleet.drones["d0"].activity == "flying"
+            fleet.drones["d1"].observe_flight(replace(WELL, standoff_m=0.1), now_s())
+            await asyncio.sleep(0.1)
+            assert all(drone.activity == "landing" for drone in fleet.drones.values())
+
+    in_virtual_time(story())
+
+
 def lean(link: AirLink, degrees: int) -> None:
     """Let a report arrive in which the drone leans this much."""
     fields = link.sdk.state().split(b";")

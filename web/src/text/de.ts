@@ -100,6 +100,7 @@ export const de: Catalogue = {
       temperature: "Temperatur",
       video: "Video",
       level: "Steht eben",
+      console: "Konsole",
       disk: "Speicherplatz",
     },
     final: "Kann nicht erlassen werden.",

@@ -97,6 +97,7 @@ export const en = {
       temperature: "Temperature",
       video: "Video",
       level: "Stands level",
+      console: "Console",
       disk: "Disk",
     },
     final: "Cannot be overridden.",
