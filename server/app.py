@@ -264,6 +264,8 @@ async def console(
         token = settings.open_token()
         web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
         server = _Server(uvicorn_config(web))
+        # Whoever reads the address may connect at once; until the server is up, that waits.
+        sock.listen()
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
         host, port = sock.getsockname()
         # What is here now stays to the end. Looking through all of it again and again would stop

@@ -111,7 +111,10 @@ def _common_point(
             # A point of two rays alone is as unsure as they are: once more with all that agree.
             point = nearest_point(o[agreeing], d[agreeing])
             agreeing, normal = _passing(views, point, o, d, config)
-        cost = float(np.minimum(normal, config.gate).sum())
+        # Rays of opposite drones nearly coincide, and a third that looks elsewhere crosses them
+        # somewhere, too; there the boxes' sizes do not fit one another.
+        sizes = _size_misfits(views, point, agreeing, config)
+        cost = float(np.minimum(normal, config.gate).sum() + np.minimum(sizes, config.gate).sum())
         if best is None or (int(agreeing.sum()), -cost) > (best[0], -best[1]):
             best = int(agreeing.sum()), cost, point, agreeing
     if best is None or best[0] < 2 or 2 * best[0] <= len(views):
@@ -127,6 +130,18 @@ def _passing(
     normal = _misses(point, o, d) / sigmas_m
     in_front = ((point - o) * d).sum(axis=1) > _NEAREST_M
     return (normal <= config.gate) & in_front, normal
+
+
+def _size_misfits(
+    views: Sequence[View], point: Array, agreeing: NDArray[np.bool_], config: AgreementConfig
+) -> Array:
+    """Return in sigmas how far the agreeing views' heights of the object lie from their median."""
+    judging = agreeing & np.array([not view.box.touches_edge for view in views])
+    if not judging.any():
+        return np.zeros(0)
+    logs = np.log([_height_m(view, point) for view in views])[judging]
+    allowed = np.log([_allowed_ratio(view, point, config) for view in views])[judging]
+    return np.abs(logs - np.median(logs)) * config.gate / allowed
 
 
 def nearest_point(o: Array, d: Array) -> Array:

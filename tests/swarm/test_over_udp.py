@@ -20,7 +20,7 @@ import pytest
 from numpy.typing import NDArray
 from virtual_air import CALM, setpoint
 
-from server.sim.config import SimConfig, fleet_config
+from server.sim.config import CameraConfig, SimConfig, fleet_config
 from server.sim.drone import SimError, SimulatedDrone
 from server.sim.simulator import run_simulator
 from server.swarm.config import DroneConfig, FleetConfig
@@ -36,7 +36,13 @@ PATIENCE_S = 30.0
 def some_simulation(drones: int) -> SimConfig:
     """Drones in a block of loopback addresses of this run's own."""
     block = f"127.{random.randint(16, 250)}.{random.randint(0, 255)}"
-    return SimConfig(drones=drones, base_address=f"{block}.1", dynamics=CALM, fps_cap=10.0)
+    return SimConfig(
+        drones=drones,
+        base_address=f"{block}.1",
+        dynamics=CALM,
+        camera=CameraConfig.ideal(),
+        fps_cap=10.0,
+    )
 
 
 async def until(holds: Callable[[], bool]) -> None:
