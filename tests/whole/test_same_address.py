@@ -16,7 +16,7 @@ import pytest
 from namespaces import DRONE_ADDRESS, Networks, networks, simulator
 from programs import COMMAND, TOKEN
 
-from server.sim.config import SimConfig
+from server.sim.config import CameraConfig, SimConfig
 from server.sim.drone import SimulatedDrone
 from server.sim.namespaces import NamespaceError, in_namespace
 from server.sim.studio import Studio
@@ -82,6 +82,8 @@ async def fly_four(made: Networks, path: Path) -> None:
         namespaces=made.drones,
         start_sigma_deg=0.0,
         fps_cap=10.0,
+        # Pictures are told apart by their brightness, which no exposure may change.
+        camera=CameraConfig.ideal(),
     )
     bodies = [SimulatedDrone(config, index) for index in range(_DRONES)]
     async with AsyncExitStack() as stack:
