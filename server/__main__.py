@@ -258,6 +258,7 @@ async def _train(arguments: argparse.Namespace) -> int:
         "train_seconds": arguments.seconds,
         "steps": arguments.steps,
         "downscale": arguments.downscale,
+        "object_only": arguments.object_only,
         "test_every": arguments.test_every,
         "backend": arguments.backend,
     }
@@ -408,6 +409,11 @@ def _parser() -> argparse.ArgumentParser:
     length.add_argument("--seconds", type=seconds, help="training time (60)")
     length.add_argument("--steps", type=count, help="training steps instead")
     part.add_argument("--downscale", type=count, help="divide picture sizes by this")
+    part.add_argument(
+        "--object-only",
+        action="store_true",
+        help="learn only what the masks show; pictures transparent around it need no flag",
+    )
     part.add_argument("--test-every", type=count, default=8, help="hold out every n-th (8)")
     part.add_argument(
         "--backend",

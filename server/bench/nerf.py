@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.bench.options import Figures, Options, each_scene
-from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
-from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.config import suited_configs
 from server.nerf.dataset import Dataset
 from server.nerf.preview import render_preview
 from server.nerf.training import Trainer
@@ -91,10 +90,11 @@ def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, 
 def _trainer(
     dataset: Dataset, held_out: list[int], seed: int, threads: int, backend: Any = "numba"
 ) -> Trainer:
+    field, train = suited_configs(cut_out=dataset.cut_out)
     return Trainer(
         dataset,
-        FieldConfig(),
-        TrainConfig(),
+        field,
+        train,
         held_out=held_out,
         backend=backend,
         seed=seed,
@@ -131,16 +131,16 @@ def _render_dataset(model: ObjectModel, T_world_cam: Array) -> Dataset:
             masks.append(mask)
     finally:
         world.close()
-    lower, upper = model.vertices.min(axis=0), model.vertices.max(axis=0)
     files = tuple(Path(f"{index:04d}.png") for index in range(len(images)))
     return Dataset(
         Path("."),
         files,
         tuple(images),
         tuple(masks),
+        tuple(np.where(mask, 255, 0).astype(np.uint8) for mask in masks),
         (camera,) * len(images),
         T_world_cam,
-        Box3(lower.astype(float), upper.astype(float)),
+        None,
     )
 
 

@@ -21,7 +21,7 @@ from pydantic import BaseModel
 from server.jobs.reports import FieldReports
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
-from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
 from server.nerf.flight import read_pictures
 from server.nerf.pose_config import PoseConfig
@@ -47,6 +47,7 @@ class ReconstructInput(BaseModel):
         train_seconds: Training time of the judged field, None when ``steps`` is given.
         steps: Training steps instead.
         downscale: Divide picture sizes by this, None to fit the training size.
+        object_only: Cut the object out of the pictures of a dataset by their masks.
         test_every: Pictures 0, n, 2n, ... are held out.
         backend: ``numba`` or ``torch``.
         mode: The capture's mode, None for a dataset.
@@ -58,6 +59,7 @@ class ReconstructInput(BaseModel):
     train_seconds: float | None = None
     steps: int | None = None
     downscale: int | None = None
+    object_only: bool = False
     test_every: int = 8
     backend: Literal["numba", "torch"] = "numba"
     mode: str | None = None
@@ -89,7 +91,9 @@ def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
         with stages.stage("refine"):
             refined = _refine(wanted, spec, reporter)
         trusted = [int(index) for index in np.flatnonzero(refined.refined)]
-    dataset = load_dataset(wanted.dataset, downscale=wanted.downscale)
+    dataset = load_dataset(
+        wanted.dataset, downscale=wanted.downscale, object_only=wanted.object_only
+    )
     out = wanted.out or wanted.dataset
     return _judge_and_deliver(dataset, trusted, out, wanted, spec, reporter, stages)
 
@@ -155,10 +159,11 @@ def _judge_and_deliver(
 def _trainer(
     dataset: Dataset, held_out: list[int], wanted: ReconstructInput, spec: JobSpec
 ) -> Trainer:
+    field, train = suited_configs(cut_out=dataset.cut_out)
     return Trainer(
         dataset,
-        FieldConfig(),
-        TrainConfig(),
+        field,
+        train,
         held_out=held_out,
         backend=wanted.backend,
         seed=spec.seed,

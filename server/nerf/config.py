@@ -84,7 +84,8 @@ class TrainConfig:
         even_share: Share of the samples that is spread evenly at the start of training.
         even_share_end: The same at its end, and in renderings.
         near_fraction: Rays start at this share of the median camera distance from the object.
-        learning_rate: Adam's step for table and MLPs after the warm-up.
+        learning_rate: Adam's step for the table after the warm-up.
+        mlp_rate_share: Share of it that the MLPs take.
         learning_rate_end: Share of ``learning_rate`` left at the end.
         warm_up_steps: Steps over which the learning rate rises from zero.
         huber_delta: Colour error (0 to 1) beyond which the loss is linear.
@@ -116,6 +117,7 @@ class TrainConfig:
     even_share_end: float = 0.1
     near_fraction: float = 0.2
     learning_rate: float = 2e-2
+    mlp_rate_share: float = 1.0
     learning_rate_end: float = 0.03
     warm_up_steps: int = 20
     huber_delta: float = 0.1
@@ -148,6 +150,7 @@ class TrainConfig:
         for name in (
             "near_fraction",
             "learning_rate_end",
+            "mlp_rate_share",
             "window_until",
             "object_share",
             "background_noise",
@@ -161,3 +164,15 @@ class TrainConfig:
             _require(0.0 < getattr(self, name) <= 1.0, name, "in (0, 1]")
         _require(1.0 / 64.0 <= self.bin_length <= 0.5, "bin_length", "in [1/64, 1/2]")
         _require(8 <= self.memory_cells <= 256, "memory_cells", "8 to 256")
+
+
+def suited_configs(*, cut_out: bool) -> tuple[FieldConfig, TrainConfig]:
+    """Return the shape of a field and its training for a room, or for an object cut out of it.
+
+    An object alone fills few cells of its visual hull: smaller tables stay in the processor's
+    cache, and fewer samples meet all of it. Against random backdrops fast MLPs turn all colours
+    black before there is anything to see, from which they come back late or never.
+    """
+    if not cut_out:
+        return FieldConfig(), TrainConfig()
+    return FieldConfig(log2_table_size=15), TrainConfig(samples_per_ray=16, mlp_rate_share=0.25)

@@ -45,6 +45,8 @@ class Dataset:
         files: Picture files, n of them.
         images: One ``(h, w, 3)`` uint8 RGB picture each, at training size.
         masks: One ``(h, w)`` bool mask each, True on the object, or None where there is none.
+        alphas: One ``(h, w)`` uint8 opacity each, where the picture shows the object alone, laid on
+            white; None where it shows a room.
         intrinsics: One camera each, of the picture at training size, with its distortion.
         T_world_cam: ``(n, 4, 4)`` OpenCV camera to world, metres.
         object_box: Box around the object, world metres, or None when unknown.
@@ -54,12 +56,18 @@ class Dataset:
     files: tuple[Path, ...]
     images: tuple[NDArray[np.uint8], ...]
     masks: tuple[NDArray[np.bool_] | None, ...]
+    alphas: tuple[NDArray[np.uint8] | None, ...]
     intrinsics: tuple[Intrinsics, ...]
     T_world_cam: Array
     object_box: Box3 | None
 
     def __len__(self) -> int:
         return len(self.files)
+
+    @property
+    def cut_out(self) -> bool:
+        """Whether every picture shows the object alone, so that there is no room to learn."""
+        return all(alpha is not None for alpha in self.alphas)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +87,13 @@ class PosedFile:
     intrinsics: Intrinsics | None = None
 
 
-def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 960) -> Dataset:
+def load_dataset(
+    folder: Path,
+    *,
+    downscale: int | None = None,
+    max_side: int = 960,
+    object_only: bool = False,
+) -> Dataset:
     """Read ``folder/transforms.json`` and its pictures.
 
     Args:
@@ -87,6 +101,8 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
         downscale: Divide picture sizes by this whole number; None makes the long side fit
             ``max_side``.
         max_side: Longest side wanted when ``downscale`` is None, pixels.
+        object_only: Cut the object out of every picture by its mask. Pictures that are transparent
+            around the object are cut out in any case.
 
     Raises:
         DatasetError: If anything needed is missing, unreadable or makes no sense.
@@ -107,9 +123,14 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
         raise DatasetError(
             f"all {len(poses)} pictures of {folder} were taken from one point, which shows no depth"
         )
-    images, masks, cameras = [], [], []
+    images, masks, alphas, cameras = [], [], [], []
     for frame, file in zip(frames, files, strict=True):
-        image, mask = _read_picture(folder, frame, file)
+        image, mask, alpha = _read_picture(folder, frame, file)
+        if object_only and alpha is None:
+            if mask is None:
+                raise DatasetError(f"{file.name} has no mask to cut the object out by")
+            alpha = cv2.resize(mask, (image.shape[1], image.shape[0]))
+            image = _on_white(image, alpha)
         camera = _read_intrinsics({**description, **frame}, image.shape[1], image.shape[0], file)
         factor = 1.0 / downscale if downscale else min(1.0, max_side / max(image.shape[:2]))
         camera = camera.scaled(factor) if factor < 1.0 else camera
@@ -119,13 +140,17 @@ def load_dataset(folder: Path, *, downscale: int | None = None, max_side: int = 
         if mask is not None and mask.shape != image.shape[:2]:
             mask = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
         images.append(np.ascontiguousarray(image))
+        if alpha is not None and alpha.shape != image.shape[:2]:
+            alpha = cv2.resize(alpha, size, interpolation=cv2.INTER_AREA)
         masks.append(None if mask is None else mask > 127)
+        alphas.append(alpha)
         cameras.append(camera)
     return Dataset(
         folder,
         tuple(files),
         tuple(images),
         tuple(masks),
+        tuple(alphas),
         tuple(cameras),
         poses,
         _read_box(description),
@@ -249,27 +274,32 @@ def _read_pose(frame: Mapping[str, Any], file: Path) -> Array:
 
 def _read_picture(
     folder: Path, frame: Mapping[str, Any], file: Path
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Return RGB picture and mask; transparency is laid on white and, alone, is the mask."""
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None, NDArray[np.uint8] | None]:
+    """Return RGB picture, mask and opacity; transparency is laid on white and, alone, the mask."""
     raw: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise DatasetError(f"picture {file} cannot be read")
     if raw.dtype != np.uint8:
         raw = (raw / (np.iinfo(raw.dtype).max / 255.0)).astype(np.uint8)
-    mask = None
+    mask = alpha = None
     if raw.ndim == 2:
         image = np.repeat(raw[:, :, None], 3, axis=2)
     elif raw.shape[2] == 4:
-        mask = raw[:, :, 3]
-        alpha = mask[:, :, None] / 255.0
-        image = np.round(raw[:, :, 2::-1] * alpha + 255.0 * (1.0 - alpha)).astype(np.uint8)
+        mask = np.ascontiguousarray(raw[:, :, 3])
+        alpha = mask if mask.min() < 255 else None
+        image = _on_white(raw[:, :, 2::-1], mask)
     else:
         image = raw[:, :, 2::-1]
     if frame.get("mask_path"):
         mask = cv2.imread(str(folder / str(frame["mask_path"])), cv2.IMREAD_GRAYSCALE)
         if mask is None:
             raise DatasetError(f"mask {frame['mask_path']} of {file.name} cannot be read")
-    return image, None if mask is None else np.asarray(mask, np.uint8)
+    return image, None if mask is None else np.asarray(mask, np.uint8), alpha
+
+
+def _on_white(image: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    share = alpha[:, :, None] / 255.0
+    return np.round(image * share + 255.0 * (1.0 - share)).astype(np.uint8)
 
 
 def _read_intrinsics(values: Mapping[str, Any], width: int, height: int, file: Path) -> Intrinsics:

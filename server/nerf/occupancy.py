@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from server.nerf.config import TrainConfig
 from server.nerf.dataset import Dataset
+from server.nerf.hull import visual_hull
 from server.nerf.space import SceneSpace, expand
 
 Densities = Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -35,6 +36,7 @@ class DensityMemory:
         densities: float32 ``(cells, cells, cells)`` per path unit; even before the first sweep.
         seen: bool ``(cells, cells, cells)``; other cells hold nothing to learn.
         ready: False until the first sweep.
+        far: Largest coordinate at which anything is looked for, scene units.
 
     Args:
         config: Grid size.
@@ -47,11 +49,15 @@ class DensityMemory:
         self, config: TrainConfig, dataset: Dataset, indices: Sequence[int], space: SceneSpace
     ) -> None:
         self._cells = config.memory_cells
-        seen = _seen_cells(max(self._cells // 2, 8), dataset, indices, space)
-        scale = -(-self._cells // len(seen))
-        for axis in range(3):
-            seen = np.repeat(seen, scale, axis=axis)
-        self.seen = np.ascontiguousarray(seen[: self._cells, : self._cells, : self._cells])
+        if dataset.cut_out:
+            self.far = 1.0
+            self.seen = visual_hull(dataset, indices, space, self._cells)
+        else:
+            # The folded cube's last layer of cells is left out: it lies beyond any room.
+            self.far = self._cells / 4.0
+            self.seen = _doubled(
+                _seen_cells(max(self._cells // 2, 8), dataset, indices, space), self._cells
+            )
         self.densities = np.zeros(self.seen.shape, np.float32)
         self.ready = False
         self._seen_ids = np.flatnonzero(self.seen)
@@ -79,6 +85,14 @@ class DensityMemory:
         """Take over the densities of a checkpoint."""
         self.densities = np.ascontiguousarray(densities, np.float32)
         self.ready = True
+
+
+def _doubled(coarse: NDArray[np.bool_], cells: int) -> NDArray[np.bool_]:
+    """Return ``coarse`` with ``cells`` per axis."""
+    scale = -(-cells // len(coarse))
+    for axis in range(3):
+        coarse = np.repeat(coarse, scale, axis=axis)
+    return np.ascontiguousarray(coarse[:cells, :cells, :cells])
 
 
 def _seen_cells(

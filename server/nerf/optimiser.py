@@ -67,7 +67,7 @@ class Adam:
                 grads[name].reshape(len(grads[name]), -1),
                 self._means[name],
                 self._variances[name],
-                np.float32(rate),
+                np.float32(rate if name == "table" else rate * self._config.mlp_rate_share),
                 np.float32(_BETA_1),
                 np.float32(_BETA_2),
                 np.float32(1.0 - _BETA_1**self._steps),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
 from server.nerf.dataset import Dataset
+from server.nerf.hull import grown_mask
 from server.nerf.space import SceneSpace
 
 Array = NDArray[np.float64]
@@ -24,13 +25,15 @@ class RayBatch:
         pictures: Picture ``(rays,)`` each ray belongs to.
         origins: ``(rays, 3)`` scene units.
         directions: ``(rays, 3)`` unit.
-        targets: ``(rays, 3)`` RGB in [0, 1].
+        targets: ``(rays, 3)`` RGB in [0, 1]; laid on white where alpha is below 1.
+        alphas: ``(rays,)`` opacity of each pixel, 1 in pictures of a room.
     """
 
     pictures: NDArray[np.int64]
     origins: FloatArray
     directions: FloatArray
     targets: FloatArray
+    alphas: FloatArray
 
 
 def directions_in_camera(camera: Intrinsics) -> FloatArray:
@@ -52,24 +55,38 @@ def camera_rays(
 class PixelSource:
     """Draws random pixels of the training pictures.
 
+    Of pictures that show the object alone only the pixels that may show it are drawn: the others
+    see nothing that the visual hull (``server.nerf.hull``) left.
+
     Args:
         dataset: Pictures.
         indices: Which of them are for training.
         space: Scene space.
         object_share: Share of the pixels drawn inside object masks, where there are masks.
+        hull_cells: Cells per axis of the visual hull.
 
     Raises:
         ValueError: If ``indices`` is empty.
     """
 
     def __init__(
-        self, dataset: Dataset, indices: Sequence[int], space: SceneSpace, object_share: float
+        self,
+        dataset: Dataset,
+        indices: Sequence[int],
+        space: SceneSpace,
+        *,
+        object_share: float,
+        hull_cells: int,
     ) -> None:
         if not indices:
             raise ValueError("no picture is left for training")
         self._indices = np.array(indices, np.int64)
         self._images = [dataset.images[i].reshape(-1, 3) for i in indices]
-        self._sizes = np.array([len(image) for image in self._images])
+        self._alphas = [None if (a := dataset.alphas[i]) is None else a.ravel() for i in indices]
+        self._pools = [
+            _usable_pixels(dataset, i, space, hull_cells) if dataset.cut_out else None
+            for i in indices
+        ]
         tables: dict[Intrinsics, FloatArray] = {}
         for camera in (dataset.intrinsics[i] for i in indices):
             if camera not in tables:
@@ -89,18 +106,25 @@ class PixelSource:
         spot, lure = rng.random(rays), rng.random(rays) < self._object_share
         directions = np.empty((rays, 3), np.float32)
         targets = np.empty((rays, 3), np.float32)
+        alphas = np.ones(rays, np.float32)
         bounds = np.searchsorted(which, np.arange(len(self._images) + 1))
         for k, (image, table) in enumerate(zip(self._images, self._directions, strict=True)):
             rows = slice(bounds[k], bounds[k + 1])
-            pixels = (spot[rows] * self._sizes[k]).astype(np.int64)
+            pool = self._pools[k]
+            if pool is None:
+                pixels = (spot[rows] * len(image)).astype(np.int64)
+            else:
+                pixels = pool[(spot[rows] * len(pool)).astype(np.int64)]
             inside = self._objects[k]
             if inside is not None and len(inside):
                 on_object = inside[(spot[rows] * len(inside)).astype(np.int64)]
                 pixels = np.where(lure[rows], on_object, pixels)
             directions[rows] = table[pixels] @ self._R_world_cam[k].T
             targets[rows] = image[pixels]
+            if (alpha := self._alphas[k]) is not None:
+                alphas[rows] = alpha[pixels] * np.float32(1.0 / 255.0)
         targets *= np.float32(1.0 / 255.0)
-        return RayBatch(self._indices[which], self._origins[which], directions, targets)
+        return RayBatch(self._indices[which], self._origins[which], directions, targets, alphas)
 
     @property
     def mean_colour(self) -> FloatArray:
@@ -108,3 +132,11 @@ class PixelSource:
         return np.mean([image[::97].mean(axis=0) for image in self._images], axis=0).astype(
             np.float32
         ) / np.float32(255.0)
+
+
+def _usable_pixels(
+    dataset: Dataset, index: int, space: SceneSpace, cells: int
+) -> NDArray[np.int64]:
+    """Return the flat places of pixels that may see something of the visual hull."""
+    near = np.flatnonzero(grown_mask(dataset, index, space, cells, times=2))
+    return near if len(near) else np.arange(dataset.images[index][:, :, 0].size)

@@ -91,8 +91,8 @@ def sample_rays(
     ts, ss, dss = (np.empty((rays, slots), np.float32) for _ in range(3))
     points = np.empty((rays * slots, 3), np.float32)
     sample_paths(
-        origins, directions, np.float32(near), np.float32(bin_length), memory.densities,
-        memory.seen, np.float32(even), jitters, ts, ss, dss, points, chunks,
+        origins, directions, np.float32(near), np.float32(memory.far), np.float32(bin_length),
+        memory.densities, memory.seen, np.float32(even), jitters, ts, ss, dss, points, chunks,
     )  # fmt: skip
     return Samples(
         np.arange(0, rays * slots + 1, slots, dtype=np.int64),

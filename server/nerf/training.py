@@ -19,6 +19,7 @@ from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.dataset import Dataset
 from server.nerf.exposure import ExposureGains
 from server.nerf.field import initial_parameters, spherical_harmonics
+from server.nerf.hull import tight_space
 from server.nerf.kernels.cpu_rays import composite
 from server.nerf.metrics import PictureScore, mean_metrics, score_picture
 from server.nerf.numba_backend import NumbaBackend
@@ -117,7 +118,8 @@ class Trainer:
         if threads < 1:
             raise ValueError("threads must be at least 1")
         self.dataset = dataset
-        self.space: SceneSpace = scene_space(dataset)
+        found = dataset.cut_out and dataset.object_box is None
+        self.space: SceneSpace = tight_space(dataset) if found else scene_space(dataset)
         self._field, self._train = field, train
         self._chunks = threads
         self.use_threads(threads)
@@ -160,9 +162,16 @@ class Trainer:
         """
         self._indices = np.array(sorted(indices), np.int64)
         self._source = PixelSource(
-            self.dataset, self._indices.tolist(), self.space, self._train.object_share
+            self.dataset,
+            self._indices.tolist(),
+            self.space,
+            object_share=self._train.object_share,
+            hull_cells=self._train.memory_cells,
         )
         self._background = self._source.mean_colour
+        if self.dataset.cut_out:
+            # As the pictures were laid on white, renderings are compared on white.
+            self._background = np.ones(3, np.float32)
         self._memory = DensityMemory(self._train, self.dataset, self._indices.tolist(), self.space)
         centres = self.space.to_scene(self.dataset.T_world_cam[self._indices, :3, 3])
         self._usual_distance = float(np.median(np.linalg.norm(centres, axis=1)))
@@ -186,6 +195,11 @@ class Trainer:
             even=self._even_share(),
             chunks=self._chunks,
         )
+        backdrops, targets = self._backdrops(count), batch.targets
+        if self.dataset.cut_out:
+            # White gives way to the same random backdrop that the field is seen against.
+            behind = backdrops * self._exposure.gains[batch.pictures] - np.float32(1.0)
+            targets = targets + (np.float32(1.0) - batch.alphas)[:, None] * behind
         rays = SampledRays(
             starts=samples.starts,
             points=samples.points,
@@ -194,8 +208,8 @@ class Trainer:
             trusts=self._trusts(samples.ts),
             dss=samples.dss,
             harmonics=spherical_harmonics(batch.directions, self._field.sh_degree),
-            backdrops=self._backdrops(count),
-            targets=batch.targets,
+            backdrops=backdrops,
+            targets=targets,
             pictures=batch.pictures,
         )
         loss, square = self._backend.gradients(rays, self._exposure.gains, self._train, open_levels)
@@ -416,7 +430,7 @@ class Trainer:
 
     def _backdrops(self, rays: int) -> FloatArray:
         """Return the colours ``(rays, 3)`` behind everything for one step."""
-        noise = np.float32(self._train.background_noise)
+        noise = np.float32(1.0 if self.dataset.cut_out else self._train.background_noise)
         random = self._rng.random((rays, 3), dtype=np.float32)
         backdrops = noise * random + (np.float32(1.0) - noise) * self._background
         return backdrops.astype(np.float32)

@@ -134,6 +134,7 @@ class Grid:
     def __init__(self, cells=32):
         self.seen = np.ones((cells, cells, cells), bool)
         self.densities = np.zeros((cells, cells, cells), np.float32)
+        self.far = cells / 4.0
 
 
 def towards_the_wall(rays=300, seed=0):
@@ -165,6 +166,22 @@ def test_samples_are_ordered_and_cover_all_of_the_ray_that_is_seen(even, seed):
     assert (ss >= ends - dss - 1e-3).all()
     x = origins[samples.ray_ids] + samples.ts[:, None] * directions[samples.ray_ids]
     np.testing.assert_allclose(contract(x.astype(float)), samples.points, atol=1e-5)
+
+
+def test_a_ray_of_an_object_alone_is_looked_at_only_inside_its_cube():
+    grid = Grid()
+    grid.far = 1.0
+    origins, directions = towards_the_wall(40)
+    directions[0] = [0.0, 1.0, 0.0]  # Misses the cube.
+    samples = spread(grid, origins, directions)
+    x = origins[samples.ray_ids] + samples.ts[:, None] * directions[samples.ray_ids]
+    covered = samples.dss > 0.0
+    # The last bin may reach beyond the cube's far face by its own length.
+    assert np.abs(x[covered]).max() <= 1.0 + 2 / 20
+    assert not covered.reshape(40, -1)[0].any()
+    np.testing.assert_allclose(
+        samples.dss.reshape(40, -1)[1:].sum(axis=1), 2.0 / directions[1:, 0], atol=3 / 20
+    )
 
 
 def test_most_samples_go_where_density_is_remembered():

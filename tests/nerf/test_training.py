@@ -186,7 +186,9 @@ def test_orbit_closes():
 
 def test_drawn_rays_carry_their_pixels(dataset):
     space = scene_space(dataset)
-    batch = PixelSource(dataset, [2, 5], space, 0.5).draw(200, np.random.default_rng(0))
+    batch = PixelSource(dataset, [2, 5], space, object_share=0.5, hull_cells=32).draw(
+        200, np.random.default_rng(0)
+    )
     assert set(batch.pictures) == {2, 5}
     for picture in (2, 5):
         _, directions = camera_rays(CAMERA, dataset.T_world_cam[picture], space)

@@ -13,27 +13,38 @@ from numba import njit, prange
 
 from server.nerf.kernels.cpu import LANES, chunk_blocks
 
+_LEAST_SLOPE = np.float32(1e-14)
+
 
 @njit(cache=True, fastmath=True)
 def _multiply(W, x, y):
-    """Write ``y = W x`` for ``W`` ``(outputs, inputs)`` and ``x`` ``(inputs, LANES)``."""
+    """Write ``y = W x`` for ``W`` ``(outputs, inputs)`` and ``x`` ``(inputs, LANES)``.
+
+    Four rows by four columns of ``W`` at a time: each load then serves four products.
+    """
     outputs, inputs = W.shape
     y[:outputs, :] = 0.0
-    for o in range(0, outputs - 1, 2):
+    whole = outputs - outputs % 4
+    for o in range(0, whole, 4):
         for i in range(0, inputs - 3, 4):
             a0, a1, a2, a3 = W[o, i], W[o, i + 1], W[o, i + 2], W[o, i + 3]
             b0, b1, b2, b3 = W[o + 1, i], W[o + 1, i + 1], W[o + 1, i + 2], W[o + 1, i + 3]
+            c0, c1, c2, c3 = W[o + 2, i], W[o + 2, i + 1], W[o + 2, i + 2], W[o + 2, i + 3]
+            d0, d1, d2, d3 = W[o + 3, i], W[o + 3, i + 1], W[o + 3, i + 2], W[o + 3, i + 3]
             for n in range(LANES):
                 x0, x1, x2, x3 = x[i, n], x[i + 1, n], x[i + 2, n], x[i + 3, n]
                 y[o, n] += a0 * x0 + a1 * x1 + a2 * x2 + a3 * x3
                 y[o + 1, n] += b0 * x0 + b1 * x1 + b2 * x2 + b3 * x3
+                y[o + 2, n] += c0 * x0 + c1 * x1 + c2 * x2 + c3 * x3
+                y[o + 3, n] += d0 * x0 + d1 * x1 + d2 * x2 + d3 * x3
         for i in range(inputs - inputs % 4, inputs):
-            a0, b0 = W[o, i], W[o + 1, i]
+            a0, b0, c0, d0 = W[o, i], W[o + 1, i], W[o + 2, i], W[o + 3, i]
             for n in range(LANES):
                 y[o, n] += a0 * x[i, n]
                 y[o + 1, n] += b0 * x[i, n]
-    if outputs % 2:
-        o = outputs - 1
+                y[o + 2, n] += c0 * x[i, n]
+                y[o + 3, n] += d0 * x[i, n]
+    for o in range(whole, outputs):
         for i in range(inputs):
             a0 = W[o, i]
             for n in range(LANES):
@@ -44,40 +55,22 @@ def _multiply(W, x, y):
 def _multiply_back(W, x, dy, dx, dW):
     """Add ``dy x^T`` to ``dW`` and write ``dx = W^T dy``; shapes as in ``_multiply``."""
     outputs, inputs = W.shape
-    dx[:inputs, :] = 0.0
-    for i in range(0, inputs - 1, 2):
-        for o in range(0, outputs - 3, 4):
-            a0, a1, a2, a3 = W[o, i], W[o + 1, i], W[o + 2, i], W[o + 3, i]
-            b0, b1, b2, b3 = W[o, i + 1], W[o + 1, i + 1], W[o + 2, i + 1], W[o + 3, i + 1]
-            for n in range(LANES):
-                y0, y1, y2, y3 = dy[o, n], dy[o + 1, n], dy[o + 2, n], dy[o + 3, n]
-                dx[i, n] += a0 * y0 + a1 * y1 + a2 * y2 + a3 * y3
-                dx[i + 1, n] += b0 * y0 + b1 * y1 + b2 * y2 + b3 * y3
-        for o in range(outputs - outputs % 4, outputs):
-            a0, b0 = W[o, i], W[o, i + 1]
-            for n in range(LANES):
-                dx[i, n] += a0 * dy[o, n]
-                dx[i + 1, n] += b0 * dy[o, n]
-    if inputs % 2:
-        i = inputs - 1
-        for o in range(outputs):
-            a0 = W[o, i]
-            for n in range(LANES):
-                dx[i, n] += a0 * dy[o, n]
-    for o in range(outputs):
+    _multiply(W.T, dy, dx)
+    for o in range(0, outputs - 1, 2):
         for i in range(0, inputs - 3, 4):
-            s0 = s1 = s2 = s3 = np.float32(0.0)
+            s0 = s1 = s2 = s3 = t0 = t1 = t2 = t3 = np.float32(0.0)
             for n in range(LANES):
-                y0 = dy[o, n]
-                s0 += y0 * x[i, n]
-                s1 += y0 * x[i + 1, n]
-                s2 += y0 * x[i + 2, n]
-                s3 += y0 * x[i + 3, n]
-            dW[o, i] += s0
-            dW[o, i + 1] += s1
-            dW[o, i + 2] += s2
-            dW[o, i + 3] += s3
-        for i in range(inputs - inputs % 4, inputs):
+                y0, y1 = dy[o, n], dy[o + 1, n]
+                x0, x1, x2, x3 = x[i, n], x[i + 1, n], x[i + 2, n], x[i + 3, n]
+                s0, s1, s2, s3 = s0 + y0 * x0, s1 + y0 * x1, s2 + y0 * x2, s3 + y0 * x3
+                t0, t1, t2, t3 = t0 + y1 * x0, t1 + y1 * x1, t2 + y1 * x2, t3 + y1 * x3
+            for k, s, t in ((0, s0, t0), (1, s1, t1), (2, s2, t2), (3, s3, t3)):
+                dW[o, i + k] += s
+                dW[o + 1, i + k] += t
+    for o in range(outputs):
+        # The last inputs, and the last output where their number is odd.
+        start = 0 if o == outputs - 1 and outputs % 2 else inputs - inputs % 4
+        for i in range(start, inputs):
             s0 = np.float32(0.0)
             for n in range(LANES):
                 s0 += dy[o, n] * x[i, n]
@@ -209,7 +202,9 @@ def _backward_chunk(
         for n in range(lanes):
             for k in range(3):
                 c = rgbs[start + n, k]
-                dc[k, n] = drgbs[start + n, k] * c * (one - c)
+                slope = drgbs[start + n, k] * c * (one - c)
+                # A saturated colour leaves next to nothing, which must not end in denormal numbers.
+                dc[k, n] = slope if abs(slope) > _LEAST_SLOPE else np.float32(0.0)
         _multiply_back(C3, q, dc, dq, dC3)
         _rectify_back(q, dq, C2.shape[0])
         _multiply_back(C2, p, dq, dp, dC2)

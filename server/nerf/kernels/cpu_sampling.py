@@ -26,14 +26,29 @@ def _fold(x, norm):
 
 
 @njit(cache=True)
-def _survey(origin, direction, near, length, memory, seen, edges, norms, shares, even):
+def _entry(origin, direction):
+    """Return where a ray enters the object's cube, scene units; infinite where it misses it."""
+    enter, leave = np.float32(0.0), np.float32(np.inf)
+    for axis in range(3):
+        slope = direction[axis]
+        if abs(slope) < np.float32(1e-9):
+            slope = np.float32(1e-9)
+        a, b = (np.float32(-1.0) - origin[axis]) / slope, (np.float32(1.0) - origin[axis]) / slope
+        enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+    return enter if enter < leave else np.float32(np.inf)
+
+
+@njit(cache=True)
+def _survey(origin, direction, near, far, length, memory, seen, edges, norms, shares, even):
     """Write edge ``t``, ``norm`` and share of every bin; unseen bins have share -1.
 
     Returns the number of bins.
     """
     cells = memory.shape[0]
-    # The folded cube's last layer of cells is left out: it lies beyond any room.
-    far = np.float32(cells) / np.float32(4.0)
+    if far <= np.float32(1.0):
+        near = max(near, _entry(origin, direction))
+        # The cube's own face must not end the ray where it begins.
+        far = np.float32(1.0) + length
     t, light, total, count, visible = near, np.float32(1.0), np.float32(0.0), 0, 0
     ox, oy, oz = origin[0], origin[1], origin[2]
     dx, dy, dz = direction[0], direction[1], direction[2]
@@ -105,7 +120,7 @@ def _spread(count, edges, norms, shares, length, jitters, ts, ss, dss):
 
 @njit(cache=True, parallel=True)
 def sample_paths(
-    origins, directions, near, length, memory, seen, even, jitters, ts, ss, dss, points, chunks
+    origins, directions, near, far, length, memory, seen, even, jitters, ts, ss, dss, points, chunks
 ):
     """Spread the samples of every ray and fold them into the scene cube.
 
@@ -113,6 +128,7 @@ def sample_paths(
         origins: ``(rays, 3)`` scene units.
         directions: ``(rays, 3)`` unit.
         near: Start of every ray, scene units.
+        far: Largest coordinate that a ray reaches, scene units; 1 for the object's cube alone.
         length: Path units per bin.
         memory: Remembered density ``(cells, cells, cells)`` per path unit, over ``u``.
         seen: Which cells hold anything that cameras see, bool.
@@ -130,8 +146,9 @@ def sample_paths(
         shares = np.empty(_BINS, np.float32)
         for r in range(rays * chunk // chunks, rays * (chunk + 1) // chunks):
             count = _survey(
-                origins[r], directions[r], near, length, memory, seen, edges, norms, shares, even
-            )
+                origins[r], directions[r], near, far, length, memory, seen, edges, norms, shares,
+                even,
+            )  # fmt: skip
             _spread(count, edges, norms, shares, length, jitters[r], ts[r], ss[r], dss[r])
             for n in range(slots):
                 t = ts[r, n]
