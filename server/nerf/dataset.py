@@ -129,7 +129,7 @@ def load_dataset(
         if object_only and alpha is None:
             if mask is None:
                 raise DatasetError(f"{file.name} has no mask to cut the object out by")
-            alpha = cv2.resize(mask, (image.shape[1], image.shape[0]))
+            alpha = np.asarray(cv2.resize(mask, (image.shape[1], image.shape[0])), np.uint8)
             image = _on_white(image, alpha)
         camera = _read_intrinsics({**description, **frame}, image.shape[1], image.shape[0], file)
         factor = 1.0 / downscale if downscale else min(1.0, max_side / max(image.shape[:2]))

@@ -199,7 +199,7 @@ class Trainer:
         if self.dataset.cut_out:
             # White gives way to the same random backdrop that the field is seen against.
             behind = backdrops * self._exposure.gains[batch.pictures] - np.float32(1.0)
-            targets = targets + (np.float32(1.0) - batch.alphas)[:, None] * behind
+            targets += (np.float32(1.0) - batch.alphas)[:, None] * behind
         rays = SampledRays(
             starts=samples.starts,
             points=samples.points,

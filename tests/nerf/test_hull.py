@@ -64,7 +64,7 @@ def test_transparent_pictures_are_cut_out_and_lie_on_white(dataset):
 def test_opaque_pictures_with_an_alpha_channel_show_a_room(tmp_path):
     folder = write_tiny_scene(tmp_path / "scene", pictures=4)
     for file in sorted((folder / "images").iterdir()):
-        image = cv2.imread(str(file))
+        image = np.asarray(cv2.imread(str(file)))
         cv2.imwrite(str(file), np.dstack([image, np.full(image.shape[:2], 255, np.uint8)]))
     assert not load_dataset(folder).cut_out
 
