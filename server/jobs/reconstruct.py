@@ -30,6 +30,8 @@ from server.nerf.training import Trainer
 
 _LIVE_PICTURES = 4
 _LIVE_SLICE_S = 4.0
+# Where in the schedule every slice but the first begins: all levels of the encoding stay open.
+_LIVE_PROGRESS = 0.35
 _POLL_S = 0.25
 # Delivery goes on from the judged field: the last part of the schedule, for a share of its time.
 _DELIVER_FROM = 0.7
@@ -181,17 +183,24 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
         if count < _LIVE_PICTURES:
             time.sleep(_POLL_S)
             continue
+        fresh = trainer is None
         if trainer is None or len(trainer.dataset) != count:
             dataset = load_dataset(wanted.dataset, downscale=wanted.downscale or 2)
-            # One thread: drones are in the air.
-            trainer = Trainer(
-                dataset, FieldConfig(), TrainConfig(), held_out=[], seed=spec.seed, threads=1
-            )
+            if trainer is None:
+                # One thread: drones are in the air.
+                trainer = Trainer(
+                    dataset, FieldConfig(), TrainConfig(), held_out=[], seed=spec.seed, threads=1
+                )
+            else:
+                trainer.take_in(dataset)
             reports = FieldReports(trainer, reporter, wanted.dataset, images=len(dataset))
             reports.begin("live", None, [], begun_s)
         assert reports is not None
         trainer.run(
-            seconds=_LIVE_SLICE_S, on_progress=reports.on_step, should_stop=reporter.should_stop
+            seconds=_LIVE_SLICE_S,
+            on_progress=reports.on_step,
+            should_stop=reporter.should_stop,
+            progress_from=0.0 if fresh else _LIVE_PROGRESS,
         )
 
 

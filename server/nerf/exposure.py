@@ -33,6 +33,13 @@ class ExposureGains:
         """Factors ``(pictures, 3)``."""
         return np.exp(self.log_gains)
 
+    def grow(self, pictures: int) -> None:
+        """Make room for ``pictures`` pictures; new ones begin without any gain."""
+        more = ((0, pictures - len(self.log_gains)), (0, 0))
+        self._mean, self._variance, self.log_gains = (
+            np.pad(part, more) for part in (self._mean, self._variance, self.log_gains)
+        )
+
     def state(self) -> dict[str, FloatArray]:
         """Return gains and moments by name, for a checkpoint to go on from."""
         return {

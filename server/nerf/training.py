@@ -179,6 +179,23 @@ class Trainer:
         if self._step > 0:
             self._memory.refresh(self._densities, self._rng)
 
+    def take_in(self, dataset: Dataset) -> None:
+        """Go on with ``dataset``: the pictures there were, as known by now, and new ones behind.
+
+        The field, the optimiser's moments and the scene space stay; all pictures are trained on.
+
+        Raises:
+            ValueError: If there are fewer pictures than before.
+        """
+        if len(dataset) < len(self.dataset):
+            raise ValueError(f"{len(self.dataset)} pictures cannot become {len(dataset)}")
+        self.dataset = dataset
+        self._exposure.grow(len(dataset))
+        self._backend.gain_grads = np.zeros(
+            (len(self._backend.gain_grads), len(dataset), 3), np.float32
+        )
+        self.use_pictures(range(len(dataset)))
+
     def step(self) -> StepReport:
         """Take one training step."""
         began = time.monotonic()

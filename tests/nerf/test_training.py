@@ -184,6 +184,36 @@ def test_orbit_closes():
     np.testing.assert_allclose(start[:3, 3], [1, 0, 1], atol=1e-12)
 
 
+def some_of(dataset, count):
+    """The first pictures of ``dataset``."""
+    return dataclasses.replace(
+        dataset,
+        files=dataset.files[:count],
+        images=dataset.images[:count],
+        masks=dataset.masks[:count],
+        alphas=dataset.alphas[:count],
+        intrinsics=dataset.intrinsics[:count],
+        T_world_cam=dataset.T_world_cam[:count],
+    )
+
+
+@pytest.mark.slow
+def test_new_pictures_are_taken_in_without_forgetting(dataset):
+    trainer = make(some_of(dataset, 8), held_out=())
+    trainer.run(steps=150)
+    before = trainer.render(CAMERA, dataset.T_world_cam[1]).rgb
+    trainer.take_in(dataset)
+    # Samples lie elsewhere, as more cells are seen; the field is the same.
+    after = trainer.render(CAMERA, dataset.T_world_cam[1]).rgb
+    assert np.abs(after - before).mean() < 0.05
+    unseen = trainer.evaluate([12]).metrics.psnr_db
+    trainer.run(steps=150, progress_from=0.35)
+    assert trainer.steps == 300
+    assert trainer.evaluate([12]).metrics.psnr_db > unseen + 1.0
+    with pytest.raises(ValueError, match="24 pictures cannot become 8"):
+        trainer.take_in(some_of(dataset, 8))
+
+
 def test_drawn_rays_carry_their_pixels(dataset):
     space = scene_space(dataset)
     batch = PixelSource(dataset, [2, 5], space, object_share=0.5, hull_cells=32).draw(
