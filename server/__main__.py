@@ -29,6 +29,7 @@ from server.app import (
     SimulatorRefusedError,
     StartError,
     bind_port,
+    bring_down,
     check_runs,
     console,
     flying,
@@ -128,6 +129,7 @@ async def _demo(arguments: argparse.Namespace) -> int:
         await asyncio.wait({ended, stopped}, return_when=asyncio.FIRST_COMPLETED)
         if not ended.done():
             ended.cancel()
+            await bring_down(control, fleet)
             return 1
         record = ended.result()
         if record.metrics is None:
@@ -143,6 +145,7 @@ async def _demo(arguments: argparse.Namespace) -> int:
         if sock is not None and not stop.is_set():
             print("The console stays up; press Ctrl-C to end.", file=sys.stderr)
             await stopped
+            await bring_down(control, fleet)
         stopped.cancel()
         return 0
 
@@ -169,6 +172,7 @@ async def _serve(arguments: argparse.Namespace) -> int:
         address = await stack.enter_async_context(console(settings, control, fleet, sock))
         print(f"The console is at {address}", file=sys.stderr, flush=True)
         await stop.wait()
+        await bring_down(control, fleet)
     return 0
 
 

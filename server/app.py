@@ -233,6 +233,12 @@ async def flying(
             await land_all(fleet)
 
 
+async def bring_down(control: Control, fleet: Fleet) -> None:
+    """Abort what flies and land it while the console still serves its stops."""
+    await control.end_capture()
+    await land_all(fleet)
+
+
 async def land_all(fleet: Fleet) -> None:
     """Land whatever flies and wait until it stands, at most some seconds."""
     if all(drone.activity in ("ground", "offline", "cut") for drone in fleet.drones.values()):
@@ -285,7 +291,7 @@ async def _end(task: asyncio.Task[None]) -> None:
 
 
 def stop_signal() -> asyncio.Event:
-    """Return an event that SIGINT and SIGTERM set; a second signal ends the program at once."""
+    """Return an event that the signals to end set; a second signal ends the program at once."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
 
@@ -295,6 +301,7 @@ def stop_signal() -> asyncio.Event:
         logger.warning("stopping: landing first; a second signal stops without landing")
         stop.set()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    # A terminal window that is closed must not leave drones in the air, either.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, on_signal)
     return stop

@@ -100,17 +100,18 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
 def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:
     """Return the routes below ``/captures``."""
     router = APIRouter(prefix=_PREFIX, tags=["captures"])
-    commanded = [Depends(desk.admit)]
+    admitted = Depends(desk.admit)
 
     @router.post(
         "",
         operation_id="startCapture",
         status_code=202,
         responses=described(409, 422),
-        dependencies=commanded,
     )
     async def start_capture(
-        response: Response, spec: Annotated[CaptureSpec | None, Body()] = None
+        response: Response,
+        spec: Annotated[CaptureSpec | None, Body()] = None,
+        client: str = admitted,
     ) -> CaptureView:
         """Begin a capture; one runs at a time."""
         asked = spec or CaptureSpec()
@@ -127,6 +128,7 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
             record = await mission.start_capture(request)
         except ValueError as error:
             raise ProblemError(422, str(error), "invalid") from error
+        desk.note_flight(client)
         response.headers["Location"] = f"{_PREFIX}/{quote(record.status.id, safe='')}"
         return view_from_record(record)
 
@@ -169,11 +171,12 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
         "/{capture_id}/resume",
         operation_id="resumeCapture",
         responses=described(404, 409),
-        dependencies=commanded,
     )
-    async def resume_capture(capture_id: str) -> CaptureView:
+    async def resume_capture(capture_id: str, client: str = admitted) -> CaptureView:
         """Go on with a paused capture."""
-        return view_from_record(await mission.resume_capture(capture_id))
+        record = await mission.resume_capture(capture_id)
+        desk.note_flight(client)
+        return view_from_record(record)
 
     @router.post("/{capture_id}/abort", operation_id="abortCapture", responses=described(404, 409))
     async def abort_capture(capture_id: str) -> CaptureView:

@@ -52,11 +52,10 @@ class CommandDesk:
         now_s, client = self._clock(), message.client
         match message:
             case Heartbeat():
-                # A program that names no browser shares the command with nobody.
-                if not client or self._lease.renew(client, now_s):
+                if self._speaks_for_all(client) or (client and self._lease.renew(client, now_s)):
                     self._mission.note_operator()
             case ReleaseCommand():
-                if not client or self._lease.release(client):
+                if self._speaks_for_all(client) or (client and self._lease.release(client)):
                     self._mission.release_operator()
             case TakeCommand():
                 self._lease.take(client, now_s)
@@ -67,14 +66,32 @@ class CommandDesk:
                 self._lease.answer(client, grant, now_s)
         self._tell()
 
-    async def admit(self, x_dronerf_client: Annotated[str, Header(max_length=64)] = "") -> None:
-        """Refuse a request that flies while another browser is in command (HTTP 409)."""
+    def _speaks_for_all(self, client: str) -> bool:
+        """Return whether a program that names no browser counts: only while no browser flies."""
+        return not client and self._lease.standing.holder is None
+
+    def note_flight(self, client: str) -> None:
+        """Note that ``client`` had a flight begun or resumed; a nameless program flies unwatched.
+
+        The lost operator counts from here: its websocket may be down already.
+        """
+        if client and self._lease.renew(client, self._clock()):
+            self._mission.note_operator()
+        self._tell()
+
+    async def admit(self, x_dronerf_client: Annotated[str, Header(max_length=64)] = "") -> str:
+        """Refuse a request that flies while another browser is in command (HTTP 409).
+
+        Returns:
+            Which browser asks, empty for a program that names none.
+        """
         if x_dronerf_client and not self._lease.admits(x_dronerf_client, self._clock()):
             raise ProblemError(
                 409,
                 "another browser is in command; ask it for the command, or take it over",
                 "not_in_command",
             )
+        return x_dronerf_client
 
     async def watch(self) -> None:
         """Let the command lapse when its holder is gone; until cancelled."""

@@ -111,6 +111,8 @@ def make_drones_router(
             going_on.add(task)
             task.add_done_callback(going_on.discard)
             await asyncio.wait({task}, timeout=command_wait_s)
+            if request.command == "takeoff":
+                desk.note_flight(x_dronerf_client)
             if task.done():
                 task.result()
             else:

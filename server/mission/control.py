@@ -71,6 +71,8 @@ EyeMaker = Callable[[Drone], Eye]
 _REPORT_S = 0.2
 _LONGEST_REASON = 300
 _FAILSAFES_KEPT = 50
+# An abort lands the drones somewhere clear of each other; then the program ends all the same.
+_ABORT_S = 20.0
 # The newest of each is what a newcomer to the console needs to see.
 _STANDING = (SeedFitted, PlanFound, PosesRefined, PreviewRendered, MetricsMeasured, CaptureChanged)
 
@@ -166,12 +168,16 @@ class Control:
             task.add_done_callback(self._on_task_end)
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def end_capture(self) -> None:
+        """Abort the capture under way, if any, and wait until its drones are down."""
         if self._mission_task is not None and not self._mission_task.done():
             assert self._mission is not None
             with contextlib.suppress(ValueError):  # It is over and only cleans up.
                 self._mission.abort("the console is shutting down")
-            await asyncio.wait([self._mission_task], timeout=20.0)
+            await asyncio.wait([self._mission_task], timeout=_ABORT_S)
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.end_capture()
         if self._recording_task is not None and not self._recording_task.done():
             await asyncio.wait([self._recording_task], timeout=self._recording_patience_s())
         passing = (task for task in (self._connecting, self._repairing) if task is not None)
@@ -210,6 +216,8 @@ class Control:
         self.events.publish(
             Noted("error", f"The console's task “{task.get_name()}” failed, so all drones land.")
         )
+        if self._mission is not None and self._mission.before_take_off:
+            self._mission.abort(f"the console's task “{task.get_name()}” failed")
 
     def _camera_eye(self, drone: Drone) -> Eye:
         drones = list(self._fleet.drones)
@@ -302,9 +310,15 @@ class Control:
                 self._refuse_if_broken()
                 if drone.held:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
-                self._fleet.forget_operator()
+                if not any(other.airborne for other in self._fleet.drones.values()):
+                    self._fleet.forget_operator()
                 self._pilot.place_at_start(drone_id)
-                await drone.take_off()
+                try:
+                    await drone.take_off()
+                except DroneError:
+                    # Perhaps it climbs after all: nobody would fly it.
+                    self._fleet.land(drone_id)
+                    raise
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
@@ -363,6 +377,8 @@ class Control:
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         """Go on; raises UnknownError or RefusedError."""
+        self.capture(capture_id)
+        self._refuse_if_broken()
         record = self._steer(capture_id, lambda mission: mission.resume())
         if not self._flying_mission():
             self._fleet.forget_operator()  # As at a start: whoever is in command says so again.
@@ -485,7 +501,11 @@ class Control:
             return
         fields = dataclasses.asdict(event)
         name = "noted" if isinstance(event, Noted) else "capture_changed"
-        self._mission.run_folder.log(event=name, **(fields | {"at": event.at.isoformat()}))
+        try:
+            self._mission.run_folder.log(event=name, **(fields | {"at": event.at.isoformat()}))
+        except OSError:
+            # The flight matters more than its log, and everybody connected was told.
+            logger.exception("the log of %s could not be written", self._mission.run_folder.path)
 
     def _keep(self, status: CaptureChanged) -> None:
         record = self._records.get(status.id)
@@ -532,14 +552,23 @@ def _records_on_disk(runs: Path) -> dict[str, CaptureRecord]:
         if state is None:
             logger.warning("%s has no readable capture.json", run.path)
             continue
-        status = dict(state["status"])
-        if status["state"] in ("queued", "running", "paused"):
-            status |= {"state": "interrupted", "error": "the console ended while it was running"}
-        status |= {"run": str(run.path), "at": datetime.fromisoformat(status["at"])}
-        records[run.id] = CaptureRecord(
-            CaptureRequest(**state["request"]),
-            CaptureChanged(**status),
-            datetime.fromisoformat(state["started_at"]),
-            run.metrics(),
-        )
+        try:
+            records[run.id] = _record_of(run, state)
+        except (KeyError, TypeError, ValueError, AttributeError):
+            # One strange folder must not keep the console, and its stops, from starting.
+            logger.warning("%s has a capture.json of another kind", run.path, exc_info=True)
     return records
+
+
+def _record_of(run: RunFolder, state: Mapping[str, Any]) -> CaptureRecord:
+    """Return what ``capture.json`` holds; raises what a strange one leads to."""
+    status = dict(state["status"])
+    if status["state"] in ("queued", "running", "paused"):
+        status |= {"state": "interrupted", "error": "the console ended while it was running"}
+    status |= {"run": str(run.path), "at": datetime.fromisoformat(status["at"])}
+    return CaptureRecord(
+        CaptureRequest(**state["request"]),
+        CaptureChanged(**status),
+        datetime.fromisoformat(state["started_at"]),
+        run.metrics(),
+    )

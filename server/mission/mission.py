@@ -121,6 +121,11 @@ class Mission:
         return self._state.progress.phase in AIRBORNE
 
     @property
+    def before_take_off(self) -> bool:
+        """True while the checklist decides whether the drones may rise."""
+        return self._state.progress.phase is Phase.PREFLIGHT
+
+    @property
     def observers(self) -> tuple[str, ...]:
         """The drones that fly and look at the object now."""
         return tuple(self._state.crew) if self._state.progress.phase in _STEERED else ()
@@ -155,6 +160,9 @@ class Mission:
     def abort(self, reason: str) -> None:
         """Land and end; raises ValueError when already over."""
         progress = self._state.progress.end(reason)
+        if self._recorder.error is None:
+            drones = self._tools.fleet.drones
+            self._state.held_at_abort |= {d for d in self._state.drones if drones[d].held}
         if self._state.progress.phase is Phase.LAND:
             self._state.progress = progress  # It is landing: that must not be cut short.
         else:

@@ -23,6 +23,7 @@ class MissionState:
         captured: Identities of the viewpoints whose picture is on disk.
         missed_once: True once the viewpoints without a clean picture have had their second chance.
         commanded: How many viewpoints the drones were sent to so far.
+        held_at_abort: Drones that were held when the operator aborted, who therefore lands them.
     """
 
     drones: tuple[str, ...]
@@ -34,6 +35,7 @@ class MissionState:
     captured: set[int] = field(default_factory=set[int])
     missed_once: bool = False
     commanded: int = 0
+    held_at_abort: frozenset[str] = frozenset()
 
     @property
     def object_box(self) -> Box3 | None:

@@ -122,6 +122,7 @@ class Steps:
         """Wait until the checklist is clear; a resumed capture flies with whoever is ready."""
         for drone_id in self._state.drones:
             self._tools.fleet.drones[drone_id].set_video(True)
+        stops = self._stops()
         clear = await self._until(lambda: not self._problems(), self._config.connect_timeout_s)
         found = self._problems()
         blocked = {check.drone_id for check in found}
@@ -135,7 +136,15 @@ class Steps:
         for key, reason in overridden(self._checks(), self._request.overrides).items():
             self._tools.recorder.overrides[key] = reason
             self._note("warning", f"Checklist item {key} overridden: {reason}")
+        # On the ground LAND changes nothing that the checklist sees; whoever presses it now does
+        # not want drones to rise.
+        if self._stops() != stops:
+            raise StepFailedError("stopped before take-off")
         self._state.crew[:] = ready
+
+    def _stops(self) -> list[int]:
+        """Return how often each drone was stopped so far."""
+        return [self._tools.fleet.drones[d].stops for d in self._state.drones]
 
     def _checks(self) -> list[Check]:
         now_s = asyncio.get_running_loop().time()
@@ -200,12 +209,16 @@ class Steps:
             if turn > 0:
                 await self._until(self._all_centred, self._config.fly_timeout_s)
             await self.seeding.add_views()
-        deadline_s = asyncio.get_running_loop().time() + self._config.centre_timeout_s
+        now_s = asyncio.get_running_loop().time
+        begun_s, searched_s = now_s(), 0.0
         while True:
             try:
                 await self.seeding.fit()
             except SeedError as error:
-                if asyncio.get_running_loop().time() > deadline_s:
+                # A pause stops this clock: the drones hover for somebody.
+                searched_s += 0.0 if self._state.progress.paused else now_s() - begun_s
+                begun_s = now_s()
+                if searched_s > self._config.centre_timeout_s:
                     raise StepFailedError(f"the object was not found: {error}") from error
                 # A picture more of each may show what these did not.
                 await self.seeding.add_views()
@@ -381,18 +394,22 @@ class Steps:
     async def _while_held(self) -> None:
         """Wait while the operator holds a drone in the air: somebody may stand below it.
 
-        An operator who aborts has seen that: then it lands.
+        An operator who aborts has seen the drones that are held: those land. One that is held
+        later is waited for.
         """
         told = False
-        aborted = self._state.progress.ending is not None and self._tools.recorder.error is None
-        while not aborted and any(d.held and d.activity == "holding" for d in self._flown_drones()):
+        while any(
+            drone.held and drone.activity == "holding"
+            for drone_id, drone in self._flown_drones().items()
+            if drone_id not in self._state.held_at_abort
+        ):
             if not told:
                 told = True
                 self._note("warning", "HOLD: the landing waits. Re-arm, or press LAND.")
             await asyncio.sleep(_POLL_S)
 
-    def _flown_drones(self) -> list[Drone]:
-        return [self._tools.fleet.drones[d] for d in self._state.drones]
+    def _flown_drones(self) -> dict[str, Drone]:
+        return {d: self._tools.fleet.drones[d] for d in self._state.drones}
 
     async def _train(self) -> None:
         taken = self._tools.photographer.taken

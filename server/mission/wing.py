@@ -13,6 +13,7 @@ from server.mission.eyes import Eye, Sight
 from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
 from server.stages import Box, CameraPose, SeedGeometry, Viewpoint
+from server.swarm.connection import OVERTAKEN_S
 from server.swarm.drone import Drone
 from server.swarm.failsafes import FlightReadings
 from server.vision.localization import PoseFilter
@@ -147,7 +148,7 @@ class Wing:
         if self.drone.activity == "flying":
             self.flown = True
         if telemetry is not None:
-            if telemetry.motor_time_s < self._motor_time_s:
+            if telemetry.motor_time_s < self._motor_time_s - OVERTAKEN_S:
                 # It was switched off: somebody sets it down at its start place again.
                 self.flown = False
             self._motor_time_s = telemetry.motor_time_s

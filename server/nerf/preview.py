@@ -14,6 +14,9 @@ from server.nerf.training import Trainer
 
 Array = NDArray[np.float64]
 
+# A preview is looked at for a moment, and training waits for it.
+_SAMPLES_PER_RAY = 12
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitPreview:
@@ -55,7 +58,7 @@ def render_preview(
     focal = min(model.fx * width / model.width, model.fy * height / model.height)
     camera = Intrinsics(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
     pose = orbit_pose(trainer.dataset.T_world_cam, trainer.space.centre, turn)
-    rgb = trainer.render(camera, pose).rgb
+    rgb = trainer.render(camera, pose, samples_per_ray=_SAMPLES_PER_RAY).rgb
     image_bgr = np.round(np.clip(rgb[:, :, ::-1], 0.0, 1.0) * 255.0).astype(np.uint8)
     done, data = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:

@@ -292,15 +292,24 @@ class Trainer:
             if on_progress is not None:
                 on_progress(report)
 
-    def render(self, intrinsics: Intrinsics, T_world_cam: Array) -> Rendering:
-        """Render the field from a camera; its distortion is applied as in the pictures."""
+    def render(
+        self, intrinsics: Intrinsics, T_world_cam: Array, *, samples_per_ray: int | None = None
+    ) -> Rendering:
+        """Render the field from a camera; its distortion is applied as in the pictures.
+
+        Args:
+            intrinsics: The camera.
+            T_world_cam: Its pose ``(4, 4)``.
+            samples_per_ray: Fewer are quicker and coarser; None for those of the config.
+        """
+        slots = samples_per_ray or self._train.render_samples_per_ray
         origins, directions = camera_rays(intrinsics, T_world_cam, self.space)
         rays = len(origins)
         rgb = np.empty((rays, 3), np.float32)
         depth, opacity = np.empty(rays, np.float32), np.empty(rays, np.float32)
         for start in range(0, rays, _RENDER_RAYS):
             part = slice(start, min(start + _RENDER_RAYS, rays))
-            samples = self._visible_samples(origins[part], directions[part])
+            samples = self._visible_samples(origins[part], directions[part], slots)
             harmonics = spherical_harmonics(directions[part], self._field.sh_degree)
             sigmas, colours = self._shade(samples, harmonics)
             composite(
@@ -452,9 +461,8 @@ class Trainer:
         backdrops = noise * random + (np.float32(1.0) - noise) * self._background
         return backdrops.astype(np.float32)
 
-    def _visible_samples(self, origins: FloatArray, directions: FloatArray) -> Samples:
-        """Return the samples that show on some rays of a rendering."""
-        slots = self._train.render_samples_per_ray
+    def _visible_samples(self, origins: FloatArray, directions: FloatArray, slots: int) -> Samples:
+        """Return those of ``slots`` samples per ray that show on some rays of a rendering."""
         samples = sample_rays(
             self._memory,
             origins,
@@ -465,9 +473,14 @@ class Trainer:
             even=self._train.even_share_end,
             chunks=self._chunks,
         )
+        # Rays that meet nothing seen have samples of no length; beside an object alone most do.
+        real = np.flatnonzero(samples.dss > 0.0)
+        sigmas = np.zeros(len(samples.dss), np.float32)
+        if len(real):
+            sigmas[real] = self._densities(samples.points[real])
         return visible_part(
             samples,
-            self._densities(samples.points),
+            sigmas,
             transmittance=_RENDER_TRANSMITTANCE,
             least_weight=_RENDER_LEAST_WEIGHT,
         )

@@ -175,5 +175,5 @@ def _mask_png(region: Region, intrinsics: Intrinsics) -> bytes:
 def _read_json(path: Path) -> dict[str, Any] | None:
     try:
         return json.loads(path.read_text())
-    except (OSError, json.JSONDecodeError):
+    except (OSError, ValueError):  # Also what is no UTF-8.
         return None

@@ -261,6 +261,19 @@ def _check_apart(other: DroneConfig, drone: DroneConfig) -> None:
         )
 
 
+# Beyond these a number is a slip of the pen or switches a protection off.
+_SANE: dict[str, tuple[float, float]] = {
+    "fence_radius_m": (0.5, 100.0),
+    "ceiling_m": (0.5, 30.0),
+    "max_speed_m_s": (0.05, 2.0),
+    "max_yaw_rate_rad_s": (0.05, 3.0),
+    "coast_s": (1.0, 60.0),
+    "brake_s": (0.2, 10.0),
+    "state_fresh_s": (0.2, 2.0),
+    "state_lost_s": (0.5, 30.0),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class SafetyConfig:
     """Limits of flight and the failsafe table, see ``server.swarm.safety`` and ``failsafes``.
@@ -306,6 +319,15 @@ class SafetyConfig:
             value = getattr(self, item.name)
             if not isinstance(value, FailsafeTable):
                 _check(math.isfinite(value) and value > 0, item.name, "must be positive", value)
+        for name, (low, high) in _SANE.items():
+            value = getattr(self, name)
+            _check(low <= value <= high, name, f"must be {low:g} to {high:g}", value)
+        _check(
+            self.evade_m_s <= self.max_speed_m_s,
+            "evade_m_s",
+            "must be at most max_speed_m_s",
+            self.evade_m_s,
+        )
         _check(self.floor_m < self.ceiling_m, "ceiling_m", "must be above floor_m", self.ceiling_m)
         _check(
             self.state_fresh_s < self.state_lost_s,

@@ -22,7 +22,7 @@ _FORGOTTEN_S = 1.5
 # Reports that begin again after so long, no boot being faster, come from a drone that started anew.
 _REBOOT_S = 3.0
 # Reports may overtake each other by about this much, which makes none of them a reboot's.
-_OVERTAKEN_S = 2.0
+OVERTAKEN_S = 2.0
 # Questions that went unanswered are asked again after this, while the drone stands.
 _ASK_AGAIN_S = 10.0
 # From this level of the protocol on, a drone can be told where to send state and video.
@@ -53,6 +53,7 @@ class Connection:
         self._clock = clock
         self._timing = timing
         self._suspicion = ""
+        self._unconfirmed = False  # It was away and has not told its serial number since.
         self._wanted = False  # Somebody has asked for it.
         self._entering = False
         self._entered = False
@@ -68,6 +69,8 @@ class Connection:
         """Why this is not the drone it should be; empty when nothing speaks against it."""
         if not self._suspicion and self._config.serial and self.facts.serial is None:
             return f"has not told its serial number, which should be {self._config.serial}"
+        if not self._suspicion and self._unconfirmed and (self._config.serial or self.facts.serial):
+            return "was away and has not told its serial number since"
         return self._suspicion
 
     @property
@@ -139,13 +142,16 @@ class Connection:
         since_s, motor_s = self._state_s, self._motor_s
         self._state_s, self._motor_s = telemetry.received_s, telemetry.motor_time_s
         silent = since_s is not None and telemetry.received_s - since_s > _REBOOT_S
-        younger = telemetry.motor_time_s < motor_s - _OVERTAKEN_S
+        younger = telemetry.motor_time_s < motor_s - OVERTAKEN_S
         late = self._wanted and not self._entered and not self._entering
         if late or (self._entered and (silent or younger)):
             _LOG.warning("%s: is %s", self._config.id, "there after all" if late else "back")
             self._entered = True
             # Who knows which drone this is: ask everything again.
             self._known = False
+            self._unconfirmed = True
+            # Another drone may not know the loss-proof form.
+            self._asking.channel.labels_known = None
             self._ask_all_in_background()
             if late or self._pictures.wanted:
                 self.set_video(True)
@@ -212,6 +218,8 @@ class Connection:
             told = DroneFacts(sdk=SDK_TOO_OLD_TO_TELL) if question == "sdk?" else DroneFacts()
         else:
             told = fact_of(question, reply.text)
+        if question == "sn?":
+            self._unconfirmed = False
         if told.serial is not None:
             self._check(told.serial)
         self.facts = told.over(self.facts, self._clock())

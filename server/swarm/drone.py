@@ -158,6 +158,11 @@ class Drone:
         return self._flight.airborne
 
     @property
+    def stops(self) -> int:
+        """How often it was stopped so far, in the air or on the ground."""
+        return self._flight.stops
+
+    @property
     def held(self) -> bool:
         """True while HOLD is latched: setpoints and take-off are refused until ``rearm``."""
         return self._flight.held
@@ -258,17 +263,25 @@ class Drone:
             DroneError: If it is refused (held, cut, not on the ground, safety rules, the drone's
                 own error), stopped on the way, or not seen to rise.
         """
-        self._refuse_unless(not self.held, "held, re-arm it first")
-        doing = self._flight.doing
-        self._refuse_unless(doing == "ground", f"cannot take off, it is {doing}")
-        self._refuse_unless(not self.stranger, self.stranger)
-        for refusal in take_off_refusals(self.telemetry, self._clock(), self._safety):
-            overridden = refusal.name in overriding and not refusal.final
-            self._refuse_unless(overridden, f"must not take off: {refusal.text}")
+        reason = self._reason_to_stay(overriding)
+        self._refuse_unless(not reason, reason)
         try:
-            await self._take_off()
+            await self._take_off(lambda: self._reason_to_stay(overriding))
         except DroneError as error:
             raise DroneError(f"{self.config.id}: {error}") from error
+
+    def _reason_to_stay(self, overriding: frozenset[str]) -> str:
+        """Return why it must not take off now, empty when it may."""
+        if self.held:
+            return "held, re-arm it first"
+        if self._flight.doing != "ground":
+            return f"cannot take off, it is {self._flight.doing}"
+        if self.stranger:
+            return self.stranger
+        for refusal in take_off_refusals(self.telemetry, self._clock(), self._safety):
+            if refusal.final or refusal.name not in overriding:
+                return f"must not take off: {refusal.text}"
+        return ""
 
     async def land(self) -> None:
         """Land and wait until the drone is down.

@@ -117,6 +117,16 @@ _WORDS = {
 }
 
 
+# Events a flight cannot do without: somewhere between these thresholds each must land the drone.
+_MUST_LAND: dict[str, tuple[float, float]] = {
+    "state_age_s": (0.5, 10.0),
+    "battery_pct": (8.0, 50.0),
+    "mission_silence_s": (1.0, 30.0),
+}
+# A Tello leans up to some 35 degrees in fast flight, which must not cut its motors.
+_LEAST_CUT_DEG = 45.0
+
+
 def _row(**thresholds: float) -> dict[Action, float]:
     return {_action(name): threshold for name, threshold in thresholds.items()}
 
@@ -181,9 +191,13 @@ class FailsafeTable:
                     raise ValueError(f"{name}: unknown action (known: {known})")
                 if not math.isfinite(threshold) or threshold <= 0:
                     raise ValueError(f"{name} must be positive, not {threshold!r}")
-        for event in ("state_age_s", "battery_pct", "mission_silence_s"):
-            if not any(RANK[action] >= RANK["land"] for action in getattr(self, event)):
-                raise ValueError(f"failsafes.{event} must land at some threshold")
+        for event, (low, high) in _MUST_LAND.items():
+            entry = getattr(self, event)
+            lands = [entry[action] for action in ("land", "land_all") if action in entry]
+            if not any(low <= threshold <= high for threshold in lands):
+                raise ValueError(f"failsafes.{event} must land somewhere from {low:g} to {high:g}")
+        if self.lean_deg.get("cut", _LEAST_CUT_DEG) < _LEAST_CUT_DEG:
+            raise ValueError(f"failsafes.lean_deg.cut must be at least {_LEAST_CUT_DEG:g}")
 
     def rows(self) -> tuple[Failsafe, ...]:
         """Return the table row by row, in the order of the events."""

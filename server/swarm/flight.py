@@ -68,6 +68,7 @@ class Flight:
         self._setpoint = _LONG_AGO
         self._airborne_s = 0.0
         self._grounded_s = 0.0
+        self._found_flying = False
 
     # What is known ---------------------------------------------------------------------------
 
@@ -103,7 +104,9 @@ class Flight:
                 _LOG.warning("%s: is in the air after landing, it lands again", self._drone_id)
                 self.land_now()
             else:
-                # Left over from before, or a late take-off.
+                # Left over from before, or a late take-off: nobody knows where it is, so nobody
+                # may fly it by what is believed of its place. It hovers until it is landed.
+                self._found_flying = True
                 _LOG.warning("%s: is in the air, it is made to hover", self._drone_id)
 
     def _flies_after_all(self) -> bool:
@@ -115,13 +118,14 @@ class Flight:
     def believe_grounded(self) -> None:
         """Take it that the drone stands with its motors off."""
         self.doing = "ground"
+        self._found_flying = False
         self._grounded_s = self._clock()
 
     # Motion ----------------------------------------------------------------------------------
 
     def set_setpoint(self, setpoint: Setpoint, now_s: float) -> bool:
         """See ``Drone.set_setpoint``."""
-        if self.held or self.doing != "flying":
+        if self.held or self.doing != "flying" or self._found_flying:
             return False
         try:
             rc_from_setpoint(setpoint)
@@ -152,10 +156,15 @@ class Flight:
                 self.believe_grounded()
 
     def rearm(self) -> None:
-        """Release HOLD and CUT; a drone in the air goes on hovering until a setpoint comes."""
+        """Release HOLD and CUT; a drone in the air goes on hovering until a setpoint comes.
+
+        A drone that was not seen to stand since CUT may not have heard it: it is landed should it
+        turn out to fly.
+        """
         self.held = False
         self._setpoint = _LONG_AGO
         if self.doing == "cut":
+            self.orders.ordered_down = not self.orders.stands_since_cut()
             self.orders.burst.cancel()
             self.believe_grounded()
 

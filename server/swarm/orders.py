@@ -29,6 +29,8 @@ _EMERGENCY = encode_command("emergency")
 
 # For so long after its order a take-off may still be under way; it refuses all but ``stop``.
 _CLIMB_S = 8.0
+# While a landing is neither answered nor seen, its order is repeated this often at first.
+_HASTE_S, _HASTY_S = 0.2, 1.2
 # Faster downward than this, a drone has taken the order to land.
 _SINKING_M_S = 0.1
 
@@ -50,6 +52,7 @@ class StandingOrders:
     ) -> None:
         self.ordered_down = False
         self._asking = asking
+        self._send = send
         self._clock = clock
         self._timing = timing
         self._watch = watch
@@ -58,6 +61,7 @@ class StandingOrders:
         self._landing_s = 0.0
         self._land_sent_s = 0.0
         self._land_answered = False
+        self._sinks = False
         self._land_labels: set[int] = set()
         self._cut_s = 0.0
         self._cut_sent_s = 0.0
@@ -88,7 +92,7 @@ class StandingOrders:
         self.ordered_down = True
         if begins:
             self._landing_s = now_s
-            self._land_answered = False
+            self._land_answered = self._sinks = False
             self._land_labels.clear()
         self._asking.interrupt()
         self._land_sent_s = now_s
@@ -122,10 +126,19 @@ class StandingOrders:
     # Repeats ---------------------------------------------------------------------------------
 
     def repeat_land(self, now_s: float) -> None:
-        """Order the landing again when it is time; without labels, which might be used up."""
-        if now_s - self._land_sent_s >= self._timing.land_repeat_s:
+        """Order the landing again when it is time; without labels, which might be used up.
+
+        Sooner at first: a drone that heard nothing flies on by its last sticks, which is why each
+        order comes with centred ones, behind it, so that they cannot swallow it.
+        """
+        unheard = not self._land_answered and not self._sinks
+        burst_s = self._timing.stop_repeats_s[-1]
+        hasty = unheard and burst_s < now_s - self._landing_s < _HASTY_S
+        if now_s - self._land_sent_s >= (_HASTE_S if hasty else self._timing.land_repeat_s):
             self._land_sent_s = now_s
             self._asking.send_unanswered(*self._land_datagrams(now_s))
+            if unheard:
+                self._send(STILL)
 
     def repeat_cut(self, now_s: float) -> None:
         """Order the cut again when it is time."""
@@ -138,6 +151,7 @@ class StandingOrders:
     def observe_state(self, telemetry: Telemetry) -> None:
         """Take the newest report."""
         if telemetry.velocity_m_s[2] < -_SINKING_M_S:
+            self._sinks = True
             self.end_climb()
 
     def observe_reply(self, datagram: bytes, arrived_s: float) -> None:

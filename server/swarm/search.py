@@ -77,6 +77,12 @@ class StationSearch:
             if drone_id is not None and self._links[drone_id].address != address:
                 _LOG.info("%s: found at %s", drone_id, address)
                 await self._links[drone_id].move_to(address)
+        taken = {address: serials[serial] for serial, address in found.items() if serial in serials}
+        for drone_id, link in self._links.items():
+            if taken.get(link.address, drone_id) != drone_id:
+                # Its orders, LAND and CUT among them, would reach the drone that is there now.
+                _LOG.warning("%s: another drone is at %s now", drone_id, link.address)
+                await link.move_to("")
 
     async def _keep_found(self) -> None:
         while True:

@@ -15,6 +15,8 @@ from server.swarm.safety import FINE, Verdict, verdict_of
 
 # A row that was clear for this long fires anew; flickering about its threshold does not.
 _CLEAR_S = 2.0
+# A drone reports ten times a second; what comes closer together is one report twice.
+_APART_S = 0.05
 
 
 class Sentry:
@@ -34,6 +36,7 @@ class Sentry:
         self._flight = FlightReadings()
         self._flown_s: float | None = None
         self._leans: deque[float] = deque(maxlen=2)
+        self._leaned_s = -math.inf
 
     def begin_flight(self) -> None:
         """Forget what was believed of the flight before."""
@@ -47,7 +50,10 @@ class Sentry:
         self._flown_s = now_s
 
     def observe_state(self, telemetry: Telemetry) -> None:
-        """Take the newest report."""
+        """Take the newest report; a copy that the network made of it says nothing new."""
+        if telemetry.received_s - self._leaned_s < _APART_S:
+            return
+        self._leaned_s = telemetry.received_s
         lean_rad = max(abs(telemetry.roll_rad), abs(telemetry.pitch_rad))
         self._leans.append(math.degrees(lean_rad))
 

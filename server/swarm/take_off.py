@@ -44,8 +44,12 @@ class TakeOff:
         self._timing = timing
         self._edu = edu
 
-    async def __call__(self) -> None:
+    async def __call__(self, reason_to_stay: Callable[[], str]) -> None:
         """Take off and wait until the drone hovers.
+
+        Args:
+            reason_to_stay: Asked right before the order, which may have waited for its turn: why
+                the drone must not take off, empty when it may.
 
         Raises:
             DroneError: If it is stopped on the way, refused by the drone, or not seen to rise.
@@ -55,7 +59,8 @@ class TakeOff:
         stops = flight.stops
         async with self._turn():
             _refuse_unless(flight.stops == stops, "stopped before take-off")
-            _refuse_unless(flight.doing == "ground", f"it is {flight.doing} by now")
+            reason = reason_to_stay()
+            _refuse_unless(not reason, reason)
             try:
                 reply = await self._climb()
                 _refuse_unless(flight.stops == stops, "stopped during take-off")

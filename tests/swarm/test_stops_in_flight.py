@@ -313,7 +313,7 @@ def test_leaving_right_after_a_cut_still_delivers_it() -> None:
     in_virtual_time(story())
 
 
-def test_a_drone_rearmed_while_it_still_flies_is_made_to_hover() -> None:
+def test_a_drone_rearmed_while_it_still_flies_since_no_cut_arrived_is_landed() -> None:
     async def story() -> None:
         link = AirLink()
         async with flying_drone(link) as drone:
@@ -321,8 +321,9 @@ def test_a_drone_rearmed_while_it_still_flies_is_made_to_hover() -> None:
             drone.cut_motors()
             await asyncio.sleep(0.5)
             drone.rearm()
-            await asyncio.sleep(4.0)
-            assert drone.activity == "flying"
+            await asyncio.sleep(12.0)
+            assert drone.activity == "ground"
+            assert link.airframe.phase == "standing"
 
     in_virtual_time(story())
 
