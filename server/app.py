@@ -303,5 +303,7 @@ def stop_signal() -> asyncio.Event:
 
     # A terminal window that is closed must not leave drones in the air, either.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            continue  # Started by nohup, for one: it shall live on.
         loop.add_signal_handler(number, on_signal)
     return stop

@@ -111,12 +111,12 @@ def make_drones_router(
             going_on.add(task)
             task.add_done_callback(going_on.discard)
             await asyncio.wait({task}, timeout=command_wait_s)
-            if request.command == "takeoff":
-                desk.note_flight(x_dronerf_client)
             if task.done():
                 task.result()
             else:
                 task.add_done_callback(log_failure)
+            if request.command == "takeoff":
+                desk.note_flight(x_dronerf_client)
         return CommandAccepted(command=request.command, drone_id=drone_id)
 
     @router.get("/drones", operation_id="listDrones", responses=described())

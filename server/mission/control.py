@@ -310,15 +310,9 @@ class Control:
                 self._refuse_if_broken()
                 if drone.held:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
-                if not any(other.airborne for other in self._fleet.drones.values()):
-                    self._fleet.forget_operator()
+                self._begin_unwatched()
                 self._pilot.place_at_start(drone_id)
-                try:
-                    await drone.take_off()
-                except DroneError:
-                    # Perhaps it climbs after all: nobody would fly it.
-                    self._fleet.land(drone_id)
-                    raise
+                await drone.take_off()
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""
@@ -331,9 +325,7 @@ class Control:
             raise RefusedError(f"{', '.join(held)} held; re-arm first")
         run = RunFolder.create(self._runs, request.name)
         self._standing.clear()
-        # Whoever was in command of an earlier flight need not be there for this one: a console in
-        # command gives its next sign of life within seconds.
-        self._fleet.forget_operator()
+        self._begin_unwatched()
         self._pointing.begin_capture()
         self._priorities.begin_capture()
         self._mission = Mission(request, drones, run, self._tools)
@@ -344,6 +336,15 @@ class Control:
         self._recording_task = self._record(run, request, self._mission_task)
         self.events.publish(record.status)
         return record
+
+    def _begin_unwatched(self) -> None:
+        """Count nobody's absence from here on, unless a drone is in the air already.
+
+        Whoever was in command of an earlier flight need not be there for this one: a console in
+        command gives its next sign of life within seconds.
+        """
+        if not any(drone.airborne for drone in self._fleet.drones.values()):
+            self._fleet.forget_operator()
 
     def _record(
         self, run: RunFolder, request: CaptureRequest, flight: asyncio.Task[None]
@@ -381,7 +382,7 @@ class Control:
         self._refuse_if_broken()
         record = self._steer(capture_id, lambda mission: mission.resume())
         if not self._flying_mission():
-            self._fleet.forget_operator()  # As at a start: whoever is in command says so again.
+            self._begin_unwatched()
         return record
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:

@@ -160,9 +160,12 @@ class Mission:
     def abort(self, reason: str) -> None:
         """Land and end; raises ValueError when already over."""
         progress = self._state.progress.end(reason)
-        if self._recorder.error is None:
-            drones = self._tools.fleet.drones
-            self._state.held_at_abort |= {d for d in self._state.drones if drones[d].held}
+        drones = self._tools.fleet.drones
+        # Whoever aborts has seen which drones hang in the air, and lands those, too.
+        self._state.held_at_abort |= {d for d in self._state.drones if drones[d].held}
+        self._end(progress)
+
+    def _end(self, progress: Progress) -> None:
         if self._state.progress.phase is Phase.LAND:
             self._state.progress = progress  # It is landing: that must not be cut short.
         else:
@@ -246,7 +249,7 @@ class Mission:
         logger.error("mission watch failed", exc_info=watch.exception())
         self._recorder.error = "internal error: the watch over the drones failed"
         if not self._state.progress.over:
-            self.abort(self._recorder.error)
+            self._end(self._state.progress.end(self._recorder.error))
 
     def _fail(self, phase: Phase, reason: str) -> None:
         self._tools.events.publish(Noted("error", reason))
@@ -257,6 +260,7 @@ class Mission:
             self._go_aground()
             return
         self._recorder.error = reason
+        self._tools.pilot.paused = False
         self._state.progress = self._state.progress.end(reason)
 
     def _redirect(self, progress: Progress) -> None:

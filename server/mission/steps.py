@@ -209,19 +209,19 @@ class Steps:
             if turn > 0:
                 await self._until(self._all_centred, self._config.fly_timeout_s)
             await self.seeding.add_views()
-        now_s = asyncio.get_running_loop().time
-        begun_s, searched_s = now_s(), 0.0
+        now_s, searched_s = asyncio.get_running_loop().time, 0.0
         while True:
             try:
                 await self.seeding.fit()
             except SeedError as error:
-                # A pause stops this clock: the drones hover for somebody.
-                searched_s += 0.0 if self._state.progress.paused else now_s() - begun_s
-                begun_s = now_s()
                 if searched_s > self._config.centre_timeout_s:
                     raise StepFailedError(f"the object was not found: {error}") from error
+                # A pause stops this clock: the drones hover for somebody.
+                await self._until(lambda: True, 0.0)
+                begun_s = now_s()
                 # A picture more of each may show what these did not.
                 await self.seeding.add_views()
+                searched_s += now_s() - begun_s
             else:
                 return
 

@@ -61,6 +61,7 @@ class TakeOff:
             _refuse_unless(flight.stops == stops, "stopped before take-off")
             reason = reason_to_stay()
             _refuse_unless(not reason, reason)
+            failed = False
             try:
                 reply = await self._climb()
                 _refuse_unless(flight.stops == stops, "stopped during take-off")
@@ -75,11 +76,17 @@ class TakeOff:
                 _refuse_unless(flight.stops == stops, "stopped during take-off")
                 _refuse_unless(flight.watch.is_up(), "not seen to take off")
                 flight.orders.end_climb()
+            except DroneError:
+                failed = True
+                raise
             finally:
                 if flight.stops == stops:
                     # No copy may leave after somebody gave up waiting for the take-off.
                     flight.orders.burst.cancel()
                 flight.end_climb()
+                if failed and flight.stops == stops:
+                    # Perhaps it climbs after all: nobody would fly it.
+                    flight.land_now()
 
     @asynccontextmanager
     async def _turn(self) -> AsyncIterator[None]:

@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from collections.abc import AsyncIterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -241,8 +240,10 @@ async def test_a_silent_drone_counts_down_and_one_that_rests_is_no_alarm(
     async with serve(tmp_path, dist=WEB / "dist") as console:
         publish = console.mission.events.publish
         # Reports come when this test sends them; their silence shall not be what counts down.
-        calm = {"hold": 500.0, "land": 1000.0}
-        console.mission.table = replace(FailsafeTable(), state_age_s=calm)
+        table = FailsafeTable()
+        # A table that no config could hold.
+        object.__setattr__(table, "state_age_s", {"hold": 500.0, "land": 1000.0})
+        console.mission.table = table
         page = await browser.new_page()
         await page.goto(f"{console.http}/?token={TOKEN}")
         tile = page.get_by_test_id("tile-drone-1")

@@ -10,7 +10,8 @@ import asyncio
 import contextlib
 import tempfile
 import time
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,11 +55,15 @@ _COME_DOWN_S = 40.0
 def fly_in_virtual_time(case: Case) -> Outcome:
     """Fly a case; raises SceneError for a scene that does not exist."""
     with tempfile.TemporaryDirectory(prefix="dronerf-flight-") as runs:
-        return in_virtual_time(_VirtualFlight(case, Path(runs)).fly())
+        return in_virtual_time(VirtualFlight(case, Path(runs)).fly())
 
 
-class _VirtualFlight:
-    """One case under way."""
+class VirtualFlight:
+    """One case under way.
+
+    Attributes:
+        tellos: The simulated drones, the truth, by id.
+    """
 
     def __init__(self, case: Case, runs: Path) -> None:
         self._case = case
@@ -67,8 +72,8 @@ class _VirtualFlight:
         faults = (parse_fault(f"loss={case.loss}"),) if case.loss > 0 else ()
         sim = SimConfig(scene=case.scene, drones=_DRONES, seed=case.seed, faults=faults)
         self._fleet_config = fleet_config(sim)
-        self._tellos = {sim.drone_id(i): Tello(sim, i) for i in range(_DRONES)}
-        self._cameras = {d: VirtualCamera(tello) for d, tello in self._tellos.items()}
+        self.tellos = {sim.drone_id(i): Tello(sim, i) for i in range(_DRONES)}
+        self._cameras = {d: VirtualCamera(tello) for d, tello in self.tellos.items()}
         self._points = hull_points(np.asarray(model.vertices))
         self._safety = SafetyConfig()
         surface = np.asarray(model.trimesh.sample(SURFACE_POINTS, seed=case.seed), np.float64)
@@ -79,29 +84,8 @@ class _VirtualFlight:
 
     async def fly(self) -> Outcome:
         """Fly it."""
-        loop, begun_s = asyncio.get_running_loop(), time.perf_counter()
-        links = {
-            d: AirLink(tello, camera=self._cameras[d].shoot, fps=FPS)
-            for d, tello in self._tellos.items()
-        }
-        async with AsyncExitStack() as stack:
-            fleet = Fleet(
-                self._fleet_config,
-                self._safety,
-                links=dict(links),
-                clock=loop.time,
-                decoder=VirtualDecoder,
-            )
-            await stack.enter_async_context(fleet)
-            control = Control(
-                fleet,
-                self._runs,
-                _config(self._safety),
-                EventStream(),
-                make_eye=self._eye,
-                runner=self._runner,
-            )
-            await stack.enter_async_context(control)
+        begun_s = time.perf_counter()
+        async with self.opened() as (control, fleet):
             watch = asyncio.create_task(self._watch())
             trouble = Trouble(self._case, control, fleet, self._inject)
             record = await fly_with_trouble(self._case, control, trouble, _LONGEST_FLIGHT_S)
@@ -122,13 +106,40 @@ class _VirtualFlight:
                 wall_s=time.perf_counter() - begun_s,
                 unsafe_end=unsafe,
             )
+        return outcome
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[tuple[Control, Fleet]]:
+        """Open the fleet on the simulated drones, and a mission control over it."""
+        links = {
+            d: AirLink(tello, camera=self._cameras[d].shoot, fps=FPS)
+            for d, tello in self.tellos.items()
+        }
+        async with AsyncExitStack() as stack:
+            fleet = Fleet(
+                self._fleet_config,
+                self._safety,
+                links=dict(links),
+                clock=asyncio.get_running_loop().time,
+                decoder=VirtualDecoder,
+            )
+            await stack.enter_async_context(fleet)
+            control = Control(
+                fleet,
+                self._runs,
+                _config(self._safety),
+                EventStream(),
+                make_eye=self._eye,
+                runner=self._runner,
+            )
+            await stack.enter_async_context(control)
+            yield control, fleet
         for link in links.values():
             link.end()
-        return outcome
 
     def _inject(self, fault: str, drone_id: str) -> None:
         now_s = asyncio.get_running_loop().time()
-        self._tellos[drone_id].inject(parse_fault(fault), now_s)
+        self.tellos[drone_id].inject(parse_fault(fault), now_s)
 
     def _eye(self, drone: Drone) -> VirtualEye:
         camera = self._cameras[drone.config.id]
@@ -143,7 +154,7 @@ class _VirtualFlight:
     async def _watch(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
-            bodies = {d: _body(tello) for d, tello in self._tellos.items()}
+            bodies = {d: _body(tello) for d, tello in self.tellos.items()}
             self._judge.observe(bodies)
             if any(body.flying for body in bodies.values()):
                 self._took_off_s = self._took_off_s or loop.time()
@@ -160,7 +171,7 @@ class _VirtualFlight:
     def _ends_unsafely(self, fleet: Fleet) -> bool:
         return any(
             tello.airframe.phase != "standing" and not fleet.drones[d].held
-            for d, tello in self._tellos.items()
+            for d, tello in self.tellos.items()
         )
 
 
