@@ -161,8 +161,8 @@ class Mission:
         """Land and end; raises ValueError when already over."""
         progress = self._state.progress.end(reason)
         drones = self._tools.fleet.drones
-        # Whoever aborts has seen which drones hang in the air, and lands those, too.
-        self._state.held_at_abort |= {d for d in self._state.drones if drones[d].held}
+        # Whoever aborts has seen which drones are held in the air, and lands those, too.
+        self._state.stops_at_abort = {d: drones[d].stops for d in self._state.drones}
         self._end(progress)
 
     def _end(self, progress: Progress) -> None:

@@ -23,7 +23,7 @@ class MissionState:
         captured: Identities of the viewpoints whose picture is on disk.
         missed_once: True once the viewpoints without a clean picture have had their second chance.
         commanded: How many viewpoints the drones were sent to so far.
-        held_at_abort: Drones that were held when the operator aborted, who therefore lands them.
+        stops_at_abort: How often each drone had been stopped when the operator aborted.
     """
 
     drones: tuple[str, ...]
@@ -35,7 +35,7 @@ class MissionState:
     captured: set[int] = field(default_factory=set[int])
     missed_once: bool = False
     commanded: int = 0
-    held_at_abort: frozenset[str] = frozenset()
+    stops_at_abort: dict[str, int] = field(default_factory=dict[str, int])
 
     @property
     def object_box(self) -> Box3 | None:

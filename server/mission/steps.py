@@ -394,14 +394,14 @@ class Steps:
     async def _while_held(self) -> None:
         """Wait while the operator holds a drone in the air: somebody may stand below it.
 
-        An operator who aborts has seen the drones that are held: those land. One that is held
-        later is waited for.
+        An operator who aborts has seen the drones that are held: those land. A HOLD that comes
+        later is waited for, also of a drone that was held before.
         """
         told = False
         while any(
             drone.held and drone.activity == "holding"
             for drone_id, drone in self._flown_drones().items()
-            if drone_id not in self._state.held_at_abort
+            if self._state.stops_at_abort.get(drone_id) != drone.stops
         ):
             if not told:
                 told = True

@@ -77,6 +77,22 @@ def test_an_abort_lands_the_drones_that_are_held(tmp_path: Path) -> None:
     tell(story, tmp_path)
 
 
+def test_a_drone_held_again_after_the_abort_waits_again(tmp_path: Path) -> None:
+    async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
+        await control.start_capture(REQUEST)
+        record = await in_phase(control, "centre")
+        fleet.hold()
+        await asyncio.sleep(1.0)
+        await control.abort_capture(record.status.id)
+        for drone in fleet.drones.values():
+            drone.rearm()
+        fleet.hold()
+        await asyncio.sleep(10.0)
+        assert [drone.activity for drone in fleet.drones.values()] == ["holding"] * 4
+
+    tell(story, tmp_path)
+
+
 def test_land_before_take_off_keeps_everybody_on_the_ground(tmp_path: Path) -> None:
     async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
         await control.start_capture(REQUEST)
