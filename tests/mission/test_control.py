@@ -55,6 +55,20 @@ def test_a_capture_that_was_running_when_the_console_ended_is_interrupted(tmp_pa
     assert record.metrics == {"psnr_db": 21.0}
 
 
+def test_a_strange_run_does_not_keep_the_console_from_starting(tmp_path):
+    good = running_capture(tmp_path)
+    for name, content in {
+        "list": b'{"status": []}',
+        "later": b'{"status": {"state": "done", "at": "soon"}, "request": {}}',
+        "bytes": b"\xff\xfe\x00",
+        "number": b"3",
+    }.items():
+        strange = tmp_path / f"20260101-000000-{name}"
+        strange.mkdir()
+        (strange / "capture.json").write_bytes(content)
+    assert list(_records_on_disk(tmp_path)) == [good.id]
+
+
 def test_a_standing_task_that_ended_keeps_every_capture_on_the_ground(tmp_path):
     async def story():
         config = FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
