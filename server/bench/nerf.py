@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.bench.options import Figures, Options, each_scene
+from server.bench.scenes import named_and_shared_scenes
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
 from server.nerf.config import suited_configs
@@ -29,6 +30,7 @@ from server.sim.world import World
 
 Array = NDArray[np.float64]
 
+SCENES = named_and_shared_scenes()
 QUICK_SCENES = ("robot_dog", "recycle_bin")
 _SIDE_PX = 400
 _TRAINING_VIEWS, _HELD_OUT_VIEWS, _FEW_VIEWS = 24, 20, 8

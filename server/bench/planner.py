@@ -8,7 +8,6 @@ seconds of one thread.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +31,7 @@ from server.bench.planner_plans import (
     rings_around,
     score,
 )
+from server.bench.scenes import named_and_shared_scenes
 from server.bench.seed_figures import fitted_after, seen_by_mission
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
@@ -50,15 +50,7 @@ from server.vision.config import SeedConfig
 Indices = NDArray[np.intp]
 
 
-def _scenes() -> tuple[str, ...]:
-    """Return the four scenes and the meshes of the test data, where there are any."""
-    folder = os.environ.get("DRONERF_TEST_DATA")
-    meshes = sorted((Path(folder) / "meshes").glob("*.glb")) if folder else []
-    others = [str(path) for path in meshes if path.stem not in NAMED_SCENES]
-    return (*NAMED_SCENES, *others)
-
-
-SCENES = _scenes()
+SCENES = named_and_shared_scenes()
 QUICK_SCENES = tuple(NAMED_SCENES)
 
 VIEW_COUNTS = (4, 24)

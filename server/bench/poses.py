@@ -17,7 +17,6 @@ honest.
 
 from __future__ import annotations
 
-import os
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -36,13 +35,14 @@ from server.bench.poses_flight import FlownCapture, fly_capture
 from server.bench.poses_peer import plain_poses
 from server.bench.poses_photographs import photograph_figures
 from server.bench.poses_pictures import draw_pictures
+from server.bench.scenes import named_and_shared_scenes
 from server.nerf.flight import read_pictures
 from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
-from server.sim.scenes.catalogue import SCENES as NAMED_SCENES
 
 Array = NDArray[np.float64]
 
+SCENES = named_and_shared_scenes()
 QUICK_SCENES = ("robot_dog", "guitar")
 _SEEDS, _QUICK_SEEDS = 3, 1
 _STEPS, _QUICK_STEPS = 1200, 400
@@ -246,13 +246,3 @@ def _summary(samples: list[dict[str, Any]]) -> dict[str, Any]:
         max(sample["sigma_ratio_translation"], sample["sigma_ratio_rotation"]) for sample in samples
     )
     return figures
-
-
-def _scenes() -> tuple[str, ...]:
-    """Return the four scenes and the meshes of the test data, where there are any."""
-    folder = os.environ.get("DRONERF_TEST_DATA")
-    meshes = sorted((Path(folder) / "meshes").glob("*.glb")) if folder else []
-    return (*NAMED_SCENES, *(str(path) for path in meshes if path.stem not in NAMED_SCENES))
-
-
-SCENES = _scenes()

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ from skimage.feature import blob_log
 from server.bench.options import Figures, Options, each_scene
 from server.bench.region_course import Shot, disturbed, shots
 from server.bench.region_sheet import worst_sheet
+from server.bench.scenes import named_and_shared_scenes
 from server.bench.seed_figures import seed_figures
 from server.sim.scenes.catalogue import SCENES as NAMED_SCENES
 from server.sim.scenes.catalogue import load_object
@@ -41,15 +41,7 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 
-def _scenes() -> tuple[str, ...]:
-    """Return the four scenes and the meshes of the test data, where there are any."""
-    folder = os.environ.get("DRONERF_TEST_DATA")
-    meshes = sorted((Path(folder) / "meshes").glob("*.glb")) if folder else []
-    others = [str(path) for path in meshes if path.stem not in NAMED_SCENES]
-    return (*NAMED_SCENES, *others)
-
-
-SCENES = _scenes()
+SCENES = named_and_shared_scenes()
 QUICK_SCENES = tuple(NAMED_SCENES)
 
 _ROOMS, _QUICK_ROOMS, _POSES = 8, 4, 10

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from server.app import bring_down
 from server.bench.missions.cases import Case
 from server.bench.missions.virtual_flight import VirtualFlight
 from server.mission.commands import CaptureRecord, CaptureRequest, RefusedError
@@ -156,5 +157,22 @@ def test_a_pause_lasts_as_long_as_the_operator_wants(tmp_path: Path) -> None:
         await control.resume_capture(record.status.id)
         record = await control.wait_for_capture(record.status.id)
         assert record.status.state == "succeeded"
+
+    tell(story, tmp_path)
+
+
+def test_ending_the_program_lands_everybody_while_the_stops_are_still_served(
+    tmp_path: Path,
+) -> None:
+    async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
+        await control.start_capture(REQUEST)
+        await in_phase(control, "centre")
+        await until(lambda: standing(flight) == 0)
+        await bring_down(control, fleet)
+        assert standing(flight) == 4
+        assert control.captures()[0].status.state == "aborted"
+        # Control and fleet are still open: whoever presses a stop now is heard.
+        fleet.hold()
+        assert all(drone.held for drone in fleet.drones.values())
 
     tell(story, tmp_path)
