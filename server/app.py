@@ -36,11 +36,13 @@ from server.sim.config import SimConfig, fleet_config
 from server.swarm.config import FleetConfig
 from server.swarm.fleet import Fleet
 from server.swarm.fleet_file import FleetFileError, load_fleet
-from server.swarm.link import LinkError
+from server.swarm.ports import LinkError
 
 logger = logging.getLogger(__name__)
 
 _DIST = Path(__file__).parent.parent / "web" / "dist"
+# Where a drone rises it is this far from the fence, or its first drift sets off a failsafe.
+_START_INSIDE_M = 0.5
 _LAND_S = 12.0
 _SIM_START_S = 90.0
 
@@ -216,8 +218,15 @@ async def flying(
     """Open the fleet and the mission control; on the way out every drone lands first.
 
     Raises:
-        StartError: If a drone's sockets cannot be opened.
+        StartError: If drones would start outside the fence, or a drone's sockets cannot be
+            opened.
     """
+    reach_m = settings.safety.fence_radius_m - _START_INSIDE_M
+    if fleet_config.start_radius_m > reach_m:
+        raise StartError(
+            f"start_radius_m is {fleet_config.start_radius_m:g}, must be at most {reach_m:g}:"
+            f" the fence has a radius of {settings.safety.fence_radius_m:g} m"
+        )
     async with AsyncExitStack() as stack:
         try:
             fleet = await stack.enter_async_context(Fleet(fleet_config, settings.safety))

@@ -33,6 +33,7 @@ from server.mission.commands import (
 )
 from server.mission.config import FlightConfig
 from server.mission.disagreement import DisagreementWatch
+from server.mission.disk_watch import DiskWatch
 from server.mission.events import (
     CaptureChanged,
     DroneReported,
@@ -52,6 +53,7 @@ from server.mission.events import (
 from server.mission.eyes import CameraEye, Eye
 from server.mission.flight_recording import RECORDING, FlightRecording, Scenery, record_capture
 from server.mission.mission import Mission, MissionTools
+from server.mission.phases import AIRBORNE
 from server.mission.pilot import Pilot
 from server.mission.pointing import Pointing
 from server.mission.priorities import Priorities
@@ -130,8 +132,16 @@ class Control:
             fleet.drones, self._eyes, self._pilot, config.vision.agreement, events, _now_s
         )
         self._tools = MissionTools(
-            fleet, self._eyes, self._pilot, runner, events, config, self._priorities
+            fleet,
+            self._eyes,
+            self._pilot,
+            runner,
+            events,
+            config,
+            self._priorities,
+            self._console_checks,
         )
+        self._disk = DiskWatch(runs)
         self._records: dict[str, CaptureRecord] = _records_on_disk(runs)
         self._fired = 0  # Number of the newest failsafe told.
         self._failsafes: deque[FailsafeFired] = deque(maxlen=_FAILSAFES_KEPT)
@@ -146,6 +156,7 @@ class Control:
         self._failed_task = ""  # A standing task that has ended, which none should.
 
     async def __aenter__(self) -> Control:
+        await self._disk.measure()
         self._tasks = [
             *(
                 asyncio.create_task(eye.run(), name=f"eye {drone_id}")
@@ -154,6 +165,7 @@ class Control:
             asyncio.create_task(self._pilot.run(), name="pilot"),
             asyncio.create_task(self._report(), name="reports"),
             asyncio.create_task(self._watch(), name="standing events"),
+            asyncio.create_task(self._disk.run(), name="disk watch"),
             asyncio.create_task(self._disagreement.run(self._observers), name="agreement"),
         ]
         # Connecting and repairing end by themselves, so they are no standing tasks.
@@ -256,7 +268,12 @@ class Control:
         now_s = asyncio.get_running_loop().time()
         drones = self._fleet.drones.values()
         checks = [c for drone in drones for c in check_drone(drone, now_s, self._config.safety)]
-        return [*checks, check_console(self._failed_task), check_disk(self._runs)]
+        return [*checks, *self._console_checks()]
+
+    def _console_checks(self) -> list[Check]:
+        disk = self._disk
+        disk_age_s = asyncio.get_running_loop().time() - disk.measured_s
+        return [check_console(self._failed_task), check_disk(disk.free_mb, disk_age_s)]
 
     def failsafes(self) -> tuple[Failsafe, ...]:
         """Return the failsafe table, row by row."""
@@ -502,16 +519,14 @@ class Control:
             return
         fields = dataclasses.asdict(event)
         name = "noted" if isinstance(event, Noted) else "capture_changed"
-        try:
-            self._mission.run_folder.log(event=name, **(fields | {"at": event.at.isoformat()}))
-        except OSError:
-            # The flight matters more than its log, and everybody connected was told.
-            logger.exception("the log of %s could not be written", self._mission.run_folder.path)
+        self._mission.log({"event": name} | fields | {"at": event.at.isoformat()})
 
     def _keep(self, status: CaptureChanged) -> None:
         record = self._records.get(status.id)
         if record is not None:
-            metrics = RunFolder(Path(status.run)).metrics()
+            # None are written in flight, when a slow disk must not hold anything up.
+            flies = status.phase in AIRBORNE
+            metrics = record.metrics if flies else RunFolder(Path(status.run)).metrics()
             self._records[status.id] = dataclasses.replace(record, status=status, metrics=metrics)
 
     def _eye(self, drone_id: str) -> Eye:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from server.jobs.runner import JobRunner
 from server.mission.capture import Photographer
+from server.mission.checklist import Check
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import CaptureChanged, EventStream, Noted
@@ -34,6 +36,8 @@ from server.swarm.fleet import Fleet
 logger = logging.getLogger(__name__)
 
 _POLL_S = 0.05
+# A run whose folder has not changed for minutes is taken for one that nobody works on.
+_SIGN_OF_LIFE_S = 60.0
 _STEERED = AIRBORNE - {Phase.TAKE_OFF, Phase.LAND}
 _RETURNING = (Phase.PREFLIGHT, Phase.TAKE_OFF, Phase.CENTRE)
 
@@ -50,6 +54,7 @@ class MissionTools:
         events: Where news goes.
         config: Numbers of everything that flies.
         priorities: The parts that the operator wants to have better pictures of.
+        console_checks: Returns the items of the checklist that concern no single drone.
     """
 
     fleet: Fleet
@@ -59,6 +64,7 @@ class MissionTools:
     events: EventStream
     config: FlightConfig
     priorities: Priorities
+    console_checks: Callable[[], list[Check]]
 
 
 class Mission:
@@ -101,12 +107,13 @@ class Mission:
                 planning=self._planning,
                 reconstruction=self._reconstruction,
                 recorder=self._recorder,
-                run=run,
+                console_checks=tools.console_checks,
             ),
         )
         self._pictures = request.pictures
         self._step: asyncio.Task[None] | None = None
         self._redirected = False
+        self._saved_s = 0.0
 
     # -- what others see ----------------------------------------------------------------------
 
@@ -139,6 +146,10 @@ class Mission:
             self._reconstruction.seconds_total(),
             self._reconstruction.seconds_left(),
         )
+
+    def log(self, fields: dict[str, Any]) -> None:
+        """Append a line to the run's own log."""
+        self._recorder.log(fields)
 
     def pause(self) -> None:
         """Hover where the drones are and wait; raises ValueError where that is not possible."""
@@ -197,6 +208,7 @@ class Mission:
             self._tools.pilot.release(list(self._state.drones))
             self._tools.pilot.paused = False
             self._save()
+            await self._recorder.settled()
 
     async def _run_phase(self) -> None:
         phase = self._state.progress.phase
@@ -287,6 +299,8 @@ class Mission:
         """Pause when a drone is held; see to it that drones out of the air leave the crew."""
         while True:
             await asyncio.sleep(_POLL_S)
+            if asyncio.get_running_loop().time() - self._saved_s > _SIGN_OF_LIFE_S:
+                self._save()
             if self._state.progress.phase in (*_STEERED, Phase.GROUNDED):
                 self._land_strangers()
             if self._state.progress.phase not in _STEERED:
@@ -339,8 +353,5 @@ class Mission:
         self._save()
 
     def _save(self) -> None:
-        try:
-            self._recorder.save(self.status(), self._state.progress, self._state.seed)
-        except OSError:
-            # The flight matters more than its record, and the next saving may succeed.
-            logger.exception("the record of capture %s could not be written", self.run_folder.id)
+        self._saved_s = asyncio.get_running_loop().time()
+        self._recorder.save(self.status(), self._state.progress, self._state.seed)

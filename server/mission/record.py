@@ -12,8 +12,11 @@ from server.mission.config import FlightConfig
 from server.mission.events import CaptureChanged
 from server.mission.phases import Phase, Progress
 from server.stages import SeedGeometry
+from server.store.run_writer import RunWriter
 from server.store.runs import RunFolder
 
+# A disk that takes longer than this to write a record is not waited for.
+_PATIENCE_S = 20.0
 # Of the whole capture's bar the flight gets this much, the training the rest.
 _FLIGHT_SHARE = 0.6
 
@@ -37,7 +40,8 @@ class CaptureRecorder:
         self.dropped: dict[str, str] = {}
         self._request = request
         self._run = run
-        self._config = config
+        self._writer = RunWriter(run)
+        self._config = _plain(asdict(config))
         self._started_at = datetime.now(UTC)
 
     def add_seconds(self, phase: Phase, seconds: float) -> None:
@@ -79,9 +83,9 @@ class CaptureRecorder:
         )
 
     def save(self, status: CaptureChanged, progress: Progress, seed: SeedGeometry | None) -> None:
-        """Write ``capture.json``; ``complete`` in it says that no picture follows."""
+        """Write ``capture.json`` soon; ``complete`` in it says that no picture follows."""
         landed = progress.phase in (Phase.TRAIN, Phase.DONE, Phase.ENDED)
-        self._run.write_state(
+        self._writer.write_state(
             {
                 "id": self._run.id,
                 "request": asdict(self._request),
@@ -89,12 +93,20 @@ class CaptureRecorder:
                 "complete": landed,
                 "status": asdict(status) | {"at": datetime.now(UTC).isoformat()},
                 "seconds": {key: round(value, 2) for key, value in self.seconds.items()},
-                "overrides": self.overrides,
-                "dropped": self.dropped,
+                "overrides": dict(self.overrides),
+                "dropped": dict(self.dropped),
                 "seed": _seed_json(seed),
-                "config": _plain(asdict(self._config)),
+                "config": self._config,
             }
         )
+
+    def log(self, fields: dict[str, Any]) -> None:
+        """Append what happened to the run's own log soon."""
+        self._writer.log(fields)
+
+    async def settled(self) -> None:
+        """Wait until everything told so far is on disk, unless the disk takes far too long."""
+        await self._writer.settled(_PATIENCE_S)
 
     def _time_left(
         self, progress: Progress, train_total_s: float, train_left_s: float

@@ -16,7 +16,7 @@ import numpy as np
 
 from server.jobs.runner import JobFailedError
 from server.mission.capture import Photographer
-from server.mission.checklist import Check, check_disk, check_drone, overridden, problems
+from server.mission.checklist import Check, check_drone, overridden, problems
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Level, Noted
@@ -32,7 +32,6 @@ from server.mission.state import MissionState
 from server.mission.takeover import orphans, share_out
 from server.planner.errors import PlanError
 from server.stages import Assignment, Viewpoint
-from server.store.runs import RunFolder
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
 from server.vision.seed import SeedError
@@ -63,7 +62,7 @@ class StepTools:
         planning: Decides where.
         reconstruction: Turns them into a field.
         recorder: The capture's record.
-        run: Where everything is kept.
+        console_checks: Returns the items of the checklist that concern no single drone.
     """
 
     fleet: Fleet
@@ -75,7 +74,7 @@ class StepTools:
     planning: Planning
     reconstruction: Reconstruction
     recorder: CaptureRecorder
-    run: RunFolder
+    console_checks: Callable[[], list[Check]]
 
 
 class Steps:
@@ -150,7 +149,7 @@ class Steps:
         now_s = asyncio.get_running_loop().time()
         drones = (self._tools.fleet.drones[d] for d in self._state.drones)
         checks = [c for d in drones for c in check_drone(d, now_s, self._tools.config.safety)]
-        return [*checks, check_disk(self._tools.run.path)]
+        return [*checks, *self._tools.console_checks()]
 
     def _problems(self) -> list[Check]:
         return problems(self._checks(), self._request.overrides)

@@ -12,7 +12,7 @@ from typing import Generic, TypeVar
 
 from server.sim.radio import Radio
 from server.sim.tello import STEP_S, Outgoing, Sender, Tello
-from server.swarm.link import Receiver
+from server.swarm.ports import Receiver
 
 T = TypeVar("T")
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -125,10 +126,10 @@ class RunFolder:
             object_box,
         )
 
-    def log(self, **fields: Any) -> None:
-        """Append one line to ``log.jsonl``."""
+    def log(self, lines: Iterable[dict[str, Any]]) -> None:
+        """Append ``lines`` to ``log.jsonl``."""
         with (self.path / "log.jsonl").open("a") as stream:
-            stream.write(json.dumps(fields) + "\n")
+            stream.writelines(json.dumps(line) + "\n" for line in lines)
 
 
 def list_runs(root: Path) -> list[RunFolder]:

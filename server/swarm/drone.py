@@ -265,6 +265,9 @@ class Drone:
         """
         reason = self._reason_to_stay(overriding)
         self._refuse_unless(not reason, reason)
+        if not self._connection.video_wanted:
+            # Off since its last landing; without pictures nothing would correct its pose.
+            self.set_video(True)
         try:
             await self._take_off(lambda: self._reason_to_stay(overriding))
         except DroneError as error:

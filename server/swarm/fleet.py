@@ -14,8 +14,9 @@ from server.swarm.config import FleetConfig, SafetyConfig, TimingConfig
 from server.swarm.drone import Drone
 from server.swarm.errors import DroneError
 from server.swarm.failsafes import Fired
-from server.swarm.link import DroneLink, PortBoard, UdpDroneLink
+from server.swarm.link import DroneLink, UdpDroneLink
 from server.swarm.pictures import DecoderMaker
+from server.swarm.ports import PortBoard
 from server.swarm.search import StationSearch
 from server.swarm.station import Progress
 from server.swarm.tap import Tap
@@ -72,7 +73,8 @@ class Fleet:
         self.fired: deque[FiredNote] = deque(maxlen=_NOTES_KEPT)
         self._clock = clock
         self._operator_s: float | None = None
-        board = PortBoard(clock)
+        self._board = board = PortBoard(clock)
+        self._keeping: asyncio.Task[None] | None = None
         links = links if links is not None else {}
         self._udp = {
             drone.id: UdpDroneLink(drone, board) for drone in config.drones if drone.id not in links
@@ -101,6 +103,8 @@ class Fleet:
                 await stack.enter_async_context(drone)
             stack.pop_all()  # All are open; from here on ``__aexit__`` closes them, side by side.
         self._search.start()
+        if any(drone.interface for drone in self.config.drones):
+            self._keeping = asyncio.create_task(self._board.keep_bound(), name="keep ports bound")
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -114,6 +118,9 @@ class Fleet:
         for drone_id, result in zip(self.drones, results, strict=True):
             if isinstance(result, BaseException):
                 _LOG.error("%s: closing failed", drone_id, exc_info=result)
+        if self._keeping is not None:
+            self._keeping.cancel()
+            await asyncio.gather(self._keeping, return_exceptions=True)
 
     async def connect(
         self, timeout_s: float = 10.0, progress: Progress | None = None

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from server.swarm.config import StationConfig
 from server.swarm.drone import Drone
-from server.swarm.link import LinkError, UdpDroneLink
+from server.swarm.link import UdpDroneLink
+from server.swarm.ports import LinkError
 from server.swarm.station import Progress, find_stations
 
 _LOG = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ from ipaddress import IPv4Network
 from typing import cast
 
 from server.swarm.config import DroneConfig, StationConfig
-from server.swarm.link import bound_socket
+from server.swarm.ports import bound_socket
 from server.swarm.protocol import ProtocolError, decode_reply, read_serial
 
 _LOG = logging.getLogger(__name__)

@@ -21,8 +21,8 @@ from server.mission.eyes import CameraEye
 from server.stages import Box, Frame, Region
 from server.swarm.config import DroneConfig
 from server.swarm.drone import Drone
-from server.swarm.link import Receiver
 from server.swarm.pictures import FrameDecoder
+from server.swarm.ports import Receiver
 from server.vision.config import VisionConfig
 from server.vision.region import RegionPrior
 

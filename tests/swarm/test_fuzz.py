@@ -21,8 +21,8 @@ from test_video import datagrams
 from server.stages import Frame
 from server.swarm.config import DroneConfig, TimingConfig
 from server.swarm.drone import Drone
-from server.swarm.link import Receiver
 from server.swarm.pictures import FrameDecoder
+from server.swarm.ports import Receiver
 from server.swarm.video import VideoDecoder
 
 COUNT = int(os.environ.get("DRONERF_FUZZ", "20000"))

@@ -26,7 +26,8 @@ from server.sim.simulator import run_simulator
 from server.swarm.config import DroneConfig, FleetConfig
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
-from server.swarm.link import LinkError, PortBoard, UdpDroneLink
+from server.swarm.link import UdpDroneLink
+from server.swarm.ports import LinkError, PortBoard
 
 pytestmark = pytest.mark.loopback
 

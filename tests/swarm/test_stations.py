@@ -15,7 +15,8 @@ from server.sim.config import SimConfig
 from server.sim.drone import SimulatedDrone
 from server.swarm.config import DroneConfig, FleetConfig, StationConfig
 from server.swarm.fleet import Fleet
-from server.swarm.link import LinkError, UdpDroneLink, bound_socket
+from server.swarm.link import UdpDroneLink
+from server.swarm.ports import LinkError, bound_socket
 from server.swarm.station import find_stations
 
 pytestmark = pytest.mark.loopback
@@ -146,6 +147,6 @@ def test_a_missing_permission_is_told_with_what_to_do(monkeypatch: pytest.Monkey
         def setsockopt(self, *arguments: object) -> None:
             raise PermissionError(errno.EPERM, "Operation not permitted")
 
-    monkeypatch.setattr("server.swarm.link.socket.socket", Refusing)
+    monkeypatch.setattr("server.swarm.ports.socket.socket", Refusing)
     with pytest.raises(LinkError, match="CAP_NET_RAW"):
         bound_socket(DroneConfig(interface="lo"), 0)

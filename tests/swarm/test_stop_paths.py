@@ -15,7 +15,7 @@ import pytest
 from server.stages import Setpoint
 from server.swarm.config import DroneConfig, TimingConfig
 from server.swarm.drone import Drone, DroneError
-from server.swarm.link import Receiver
+from server.swarm.ports import Receiver
 
 TURN_S = 0.01
 

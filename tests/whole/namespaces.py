@@ -79,14 +79,24 @@ def networks(drones: int) -> Iterator[Networks]:
             _inside(made.client, "sysctl", "-qw", f"net.ipv4.conf.{scope}.rp_filter=0")
         for interface, drone in zip(made.interfaces, made.drones, strict=True):
             _make(drone)
-            link = ["ip", "-n", made.client, "link", "add", interface, "type", "veth"]
-            _run(*link, "peer", "name", "wlan0", "netns", drone)
-            _give(made.client, interface, CLIENT_ADDRESS)
-            _give(drone, "wlan0", DRONE_ADDRESS)
+            put_in(made.client, interface, drone)
         yield made
     finally:
         for name in (made.client, *made.drones):
             subprocess.run(["ip", "netns", "delete", name], capture_output=True, check=False)
+
+
+def put_in(client: str, interface: str, drone: str) -> None:
+    """Give a client an adapter, in the Wi-Fi of a drone."""
+    link = ["ip", "-n", client, "link", "add", interface, "type", "veth"]
+    _run(*link, "peer", "name", "wlan0", "netns", drone)
+    _give(client, interface, CLIENT_ADDRESS)
+    _give(drone, "wlan0", DRONE_ADDRESS)
+
+
+def pull_out(client: str, interface: str) -> None:
+    """Take an adapter away from a client."""
+    _run("ip", "-n", client, "link", "delete", interface)
 
 
 @contextmanager

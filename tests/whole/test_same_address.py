@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from namespaces import DRONE_ADDRESS, Networks, networks, simulator
+from namespaces import DRONE_ADDRESS, Networks, networks, pull_out, put_in, simulator
 from programs import COMMAND, TOKEN
 
 from server.sim.config import CameraConfig, SimConfig
@@ -131,6 +131,32 @@ async def fly_apart(fleet: Fleet, bodies: list[SimulatedDrone]) -> None:
     fleet.land()
     await until(lambda: all(body.airframe.phase == "standing" for body in bodies))
     await until(lambda: all(drone.activity == "ground" for drone in drones))
+
+
+async def lose_an_adapter(made: Networks, path: Path) -> None:
+    config = SimConfig(drones=1, base_address=DRONE_ADDRESS, namespaces=made.drones)
+    async with SimulatedDrone(config, 0) as body, Fleet(load_fleet(path)) as fleet:
+        assert await fleet.connect(_PATIENCE_S) == {}
+        drone = fleet.drones["drone-1"]
+        pull_out(made.client, made.interfaces[0])
+        await until(lambda: drone.activity == "offline")
+        await asyncio.sleep(2.0)
+        fleet.hold()
+        put_in(made.client, made.interfaces[0], made.drones[0])
+        await until(lambda: drone.activity == "ground" and not drone.stranger)
+        drone.rearm()
+        await drone.take_off()
+        assert body.airframe.phase == "flying"
+        pull_out(made.client, made.interfaces[0])
+        await until(lambda: drone.activity == "landing")
+        put_in(made.client, made.interfaces[0], made.drones[0])
+        await until(lambda: body.airframe.phase == "standing" and drone.activity == "ground")
+
+
+def test_an_adapter_that_is_put_in_again_is_used_again(tmp_path: Path) -> None:
+    with networks(1) as made:
+        path = fleet_file(tmp_path, made)
+        in_namespace(made.client, lambda: asyncio.run(lose_an_adapter(made, path)))
 
 
 def test_the_driver_flies_four_drones_at_one_address(tmp_path: Path) -> None:
