@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,47 +13,77 @@ from server.planner.config import FlightSpace
 
 Array = NDArray[np.float64]
 
-# Between landing places: twice what a Tello measures, and what is unsure about where each is.
+# Between landing places: twice what a Tello measures, and what is usually unsure about where each
+# is: this many standard deviations of a usual pose.
 CLEARANCE_M = 0.9
-# Where a drone came down that fell silent in flight is known to about so much less.
-_LOST_M = 0.9
+_SIGMAS = 2.0
+_USUAL_SIGMA_M = 0.25
+# Wherever a drone may be, some room must be left for the others.
+_MOST_EXTRA_M = 1.5
 _RINGS_M = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0)
 _DIRECTIONS = 16
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Down:
+    """A drone that is down, or a place where one that fell silent may be.
+
+    Attributes:
+        position: Believed position ``(3,)``, world metres.
+        sigma_m: Its standard deviation.
+    """
+
+    position: Array
+    sigma_m: float
+
+    @property
+    def apart_m(self) -> float:
+        """How far from it others land."""
+        extra_m = _SIGMAS * (self.sigma_m - _USUAL_SIGMA_M)
+        return CLEARANCE_M + min(max(0.0, extra_m), _MOST_EXTRA_M)
+
+
 def landing_places(
     flying: Mapping[str, Array],
-    standing: Sequence[Array],
+    down: Sequence[Down],
     object_box: Box3 | None,
     space: FlightSpace,
-    lost: Sequence[Array] = (),
 ) -> dict[str, Array]:
     """Return above which place ``(2,)``, world metres, each drone shall go down.
 
-    Each drone takes the nearest place that is clear; without any it stays where it is.
+    Each drone takes the nearest place that is clear; without any it takes the one with most room
+    about it.
 
     Args:
         flying: Believed positions ``(3,)`` of the drones that are to land.
-        standing: Those of the drones that are down.
+        down: What nobody may land on.
         object_box: The object's outer box, None while it is unknown.
         space: Fence and standoff.
-        lost: Where drones are believed that have not been heard for a while.
     """
-    taken = [(position[:2], CLEARANCE_M) for position in standing]
-    taken += [(position[:2], CLEARANCE_M + _LOST_M) for position in lost]
+    taken = [(other.position[:2], other.apart_m) for other in down]
     places: dict[str, Array] = {}
     for drone_id, position in flying.items():
         others = [
             (p[:2], CLEARANCE_M) for d, p in flying.items() if d not in places and d != drone_id
         ]
-        clear = (
-            place
-            for place in _around(position[:2])
-            if _is_clear(place, [*taken, *others], object_box, space)
-        )
-        places[drone_id] = next(clear, position[:2])
+        places[drone_id] = _best(position[:2], [*taken, *others], object_box, space)
         taken.append((places[drone_id], CLEARANCE_M))
     return places
+
+
+def _best(
+    here: Array, taken: Sequence[tuple[Array, float]], object_box: Box3 | None, space: FlightSpace
+) -> Array:
+    best, most_room_m = here, -np.inf
+    for place in _around(here):
+        if not _is_allowed(place, object_box, space):
+            continue
+        room_m = min((float(np.linalg.norm(place - p)) - apart for p, apart in taken), default=0.0)
+        if room_m >= 0.0:
+            return place
+        if room_m > most_room_m:
+            best, most_room_m = place, room_m
+    return best
 
 
 def _around(centre: Array) -> list[Array]:
@@ -61,14 +92,7 @@ def _around(centre: Array) -> list[Array]:
     return [centre + ring_m * way for ring_m in _RINGS_M for way in around]
 
 
-def _is_clear(
-    place: Array,
-    taken: Sequence[tuple[Array, float]],
-    object_box: Box3 | None,
-    space: FlightSpace,
-) -> bool:
-    if any(np.linalg.norm(place - other) < apart_m for other, apart_m in taken):
-        return False
+def _is_allowed(place: Array, object_box: Box3 | None, space: FlightSpace) -> bool:
     if np.linalg.norm(place) > space.fence_radius_m:
         return False
     if object_box is None:

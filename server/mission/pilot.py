@@ -9,7 +9,7 @@ avoidance and the safety limits. When this loop stops, setpoints expire and the 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,8 @@ from server.geometry.boxes import Box3
 from server.mission.config import FlightConfig
 from server.mission.events import DroneReported, EventStream, PoseEstimated
 from server.mission.eyes import Eye
-from server.mission.wing import Centre, Fly, Trim, Wing, turned
+from server.mission.whereabouts import turned
+from server.mission.wing import Centre, Fly, Trim, Wing
 from server.planner.avoidance import Agent, Obstacle, agent_from_pose, avoid
 from server.planner.errors import PlanError
 from server.planner.ring import facing
@@ -35,6 +36,8 @@ from server.vision.target import TargetEstimate, TargetEstimator, prior_target
 Array = NDArray[np.float64]
 
 _POSE_EVENT_S = 0.1
+# Lower than this a drone stands.
+_DOWN_M = 0.05
 # While the object is cut off by the picture's edge, step back this fast, metres per second.
 _STEP_BACK_M_S = 0.35
 _FULL_FRAME = 0.85
@@ -249,21 +252,22 @@ class Pilot:
             # Who climbs, sinks, is held or silent makes no room: the others do.
             yields = wing.is_heard(now_s) and not wing.drone.held
             yields = yields and wing.drone.activity in ("flying", "holding")
-            agents.append(agent_from_pose(pose, wing.filter.velocity(), wish[0], yields))
+            _, velocity = wing.whereabouts(now_s)[0]
+            agents.append(agent_from_pose(pose, velocity, wish[0], yields))
         if not flying:
             return
         planner = self._config.planner
         obstacle = self._obstacle(target)
         shunned = [obstacle, *(self._left_behind if self.seed is None else ())]
         velocities = avoid(
-            agents,
+            [*agents, *self._ghosts([wing for wing, _, _ in flying], now_s)],
             [Obstacle(box, self._config.safety.standoff_m) for box in shunned],
             planner.space,
             planner.avoidance,
             self._dt_s,
         )
         poses = [pose for _, pose, _ in flying]
-        for (wing, pose, yaw_rate), velocity in zip(flying, velocities, strict=True):
+        for (wing, pose, yaw_rate), velocity in zip(flying, velocities[: len(flying)], strict=True):
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
             # The object's own limits come last, because of two that contradict the later one wins.
             for box in reversed(shunned):
@@ -284,6 +288,22 @@ class Pilot:
             told = turned(setpoint.velocity_m_s, pose.yaw_rad) if taken else np.zeros(3)
             turn_rad_s = setpoint.yaw_rate_rad_s if taken else 0.0
             wing.was_told(told, turn_rad_s, now_s, self._dt_s)
+
+    @staticmethod
+    def _ghosts(wings: Iterable[Wing], now_s: float) -> list[Agent]:
+        """Return where silent drones may be besides where they are believed; nobody steers them."""
+        ghosts: list[Agent] = []
+        for wing in wings:
+            name = wing.drone.config.id
+            for position, velocity in wing.whereabouts(now_s)[1:]:
+                if position[2] > _DOWN_M:
+                    ghosts.append(Agent(name, position, velocity, np.zeros(3), 0.0, yields=False))
+        return ghosts
+
+    def whereabouts(self, drone_id: str) -> list[Array]:
+        """Return the places ``(3,)`` where a drone may be; several only for a silent one."""
+        now_s = asyncio.get_running_loop().time()
+        return [position for position, _ in self._wings[drone_id].whereabouts(now_s)]
 
     def _wish(
         self, wing: Wing, pose: CameraPose, target: TargetEstimate, now_s: float

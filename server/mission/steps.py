@@ -21,7 +21,7 @@ from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Level, Noted
 from server.mission.eyes import Eye
-from server.mission.landing import landing_places
+from server.mission.landing import Down, landing_places
 from server.mission.phases import Phase
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
@@ -41,6 +41,8 @@ _QUARTER_TURN = np.pi / 2.0
 # Drones that hover for a failsafe stop the mission's clock, but not for ever.
 _WAIT_FOR_HOLDING_S = 60.0
 # Longer than this no landing waits for a better place.
+# How well each of the places is known where a drone may be that has fallen silent.
+_LOST_SIGMA_M = 0.5
 _MOVE_ASIDE_S = 15.0
 
 
@@ -366,13 +368,17 @@ class Steps:
         poses = {d: pilot.pose(d) for d in self._state.crew if fleet.drones[d].activity == "flying"}
         # A drone that has fallen silent may still be in the air, or down nobody knows where.
         lost = [d for d in fleet.drones if not pilot.is_heard(d)]
-        down = [d for d in fleet.drones if d not in poses and d not in lost]
+        down = [
+            Down(pilot.pose(d).position_world, pilot.pose(d).position_sigma_m)
+            for d in fleet.drones
+            if d not in poses and d not in lost
+        ]
+        down += [Down(place, _LOST_SIGMA_M) for d in lost for place in pilot.whereabouts(d)]
         places = landing_places(
             {d: pose.position_world for d, pose in poses.items() if d not in lost},
-            [pilot.pose(d).position_world for d in down],
+            down,
             self._state.object_box,
             self._tools.config.planner.space,
-            [pilot.pose(d).position_world for d in lost],
         )
         moving: list[str] = []
         for drone_id, place in places.items():

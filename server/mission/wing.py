@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from server.geometry.boxes import Box3
 from server.mission.config import FlightConfig
 from server.mission.eyes import Eye, Sight
+from server.mission.whereabouts import LastHeard, coasted, turned, whereabouts
 from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
 from server.stages import Box, CameraPose, SeedGeometry, Viewpoint
@@ -28,12 +30,17 @@ _WIND_TAU_S = 1.5
 _WIND_MAX_M_S = 0.45
 # How fast a Tello follows its sticks.
 _LAG_S = 0.35
-# A drone that reports nothing flies on as it last did, and is ever less sure to be there.
+# A drone that reports nothing flies on as it last did, and is ever less sure to be there until it
+# must have landed.
 _STALE_STATE_S = 0.5
-_COAST_S = 18.0
+_COAST_S = 20.0
 _COAST_SIGMA_M_S = 0.1
+# What it was told is remembered for a little longer than it takes to notice that it is silent.
+_ORDERS_KEPT = 32
 # Told to move faster than this, a drone must feel that it moves.
 _FELT_M_S = 0.15
+# For so long it may be late with that.
+_BLIND_S = 0.5
 # Boxes of less confidence are shown but correct no pose.
 _SURE_ENOUGH = 0.4
 
@@ -94,12 +101,13 @@ class Wing:
         self._motor_time_s = 0.0
         self.wind = np.zeros(3)
         self._told = np.zeros(3)  # World velocity it was told, as a lagging drone follows it.
-        # World velocity and turn that it was told last while it could be heard.
-        self._sent, self._turn_rad_s = np.zeros(3), 0.0
+        # When which world velocity and turn were sent while it could be heard.
+        self._orders: deque[tuple[float, Array, float]] = deque(maxlen=_ORDERS_KEPT)
         self._detour: Detour | None = None
         self._target_prior: TargetEstimate | None = None
         self._seen_s: float | None = None
         self._felt_s: float | None = None
+        self._blind = False
         self.place_at_start()
 
     def begin_capture(self) -> None:
@@ -110,7 +118,9 @@ class Wing:
     def begin_flight(self) -> None:
         """Forget what was felt and seen in the flight before."""
         self.wind, self._told = np.zeros(3), np.zeros(3)
+        self._orders.clear()
         self._seen_s = self._felt_s = None
+        self._blind = False
 
     def place_at_start(self) -> None:
         """Believe the drone to stand at its nominal start place."""
@@ -152,7 +162,12 @@ class Wing:
                 # It was switched off: somebody sets it down at its start place again.
                 self.flown = False
             self._motor_time_s = telemetry.motor_time_s
-            self.filter.observe_telemetry(telemetry)
+            felt = not (self._blind and self.drone.airborne)
+            if not felt:
+                # It reports that it stands, but there is nothing it could tell that by.
+                yaw_rad = self.filter.pose(telemetry.received_s).yaw_rad
+                telemetry = replace(telemetry, velocity_m_s=turned(self._told, -yaw_rad))
+            self.filter.observe_telemetry(telemetry, felt=felt)
         sight = self.eye.sight
         if sight is None or sight.frame.sequence <= self._sequence:
             return
@@ -168,19 +183,40 @@ class Wing:
 
     def pose(self, now_s: float) -> CameraPose:
         """Return the believed pose; without reports it goes on as it was flying, ever less sure."""
-        pose, telemetry = self.filter.pose(now_s), self.drone.telemetry
-        silent_s = 0.0 if telemetry is None else now_s - telemetry.received_s - _STALE_STATE_S
-        if silent_s <= 0.0 or not self.drone.airborne:
+        pose, silent_s = self.filter.pose(now_s), self._silent_s(now_s)
+        if silent_s < _STALE_STATE_S:
             return pose
         T_world_cam, covariance = pose.T_world_cam.copy(), pose.covariance.copy()
-        # Its last sticks stay in force, and they are in its own axes: it flies on along an arc.
-        coasted_s = min(silent_s, _COAST_S)
-        half_turn = self._turn_rad_s * coasted_s / 2.0
-        chord = self._sent * coasted_s
-        chord[:2] *= float(np.sinc(half_turn / np.pi))
-        T_world_cam[:3, 3] += turned(chord, half_turn)
-        covariance[:3, :3] += np.eye(3) * (_COAST_SIGMA_M_S * silent_s) ** 2
+        T_world_cam[:3, 3], _ = coasted(self._last_heard(), silent_s)
+        drifted_m = _COAST_SIGMA_M_S * min(silent_s, _COAST_S)
+        covariance[:3, :3] += np.eye(3) * drifted_m**2
         return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
+
+    def whereabouts(self, now_s: float) -> list[tuple[Array, Array]]:
+        """Return the positions and velocities, each ``(3,)``, world, that it may have.
+
+        There are several only for a drone that has fallen silent in the air.
+        """
+        silent_s = self._silent_s(now_s)
+        if silent_s < _STALE_STATE_S:
+            return [(self.filter.pose(now_s).position_world, self.filter.velocity())]
+        return whereabouts(self._last_heard(), silent_s)
+
+    def _silent_s(self, now_s: float) -> float:
+        """Return for how long a drone in the air has reported nothing."""
+        telemetry = self.drone.telemetry
+        if telemetry is None or not self.drone.airborne:
+            return 0.0
+        return max(0.0, now_s - telemetry.received_s)
+
+    def _last_heard(self) -> LastHeard:
+        telemetry = self.drone.telemetry
+        assert telemetry is not None
+        heard_s = telemetry.received_s
+        # Whatever was sent later may never have arrived.
+        sent = [order for order in self._orders if order[0] <= heard_s]
+        _, velocity, turn_rad_s = sent[-1] if sent else (heard_s, np.zeros(3), 0.0)
+        return LastHeard(self.filter.pose(heard_s).position_world, velocity, turn_rad_s)
 
     def is_heard(self, now_s: float) -> bool:
         """Return whether its state reports are fresh."""
@@ -204,7 +240,7 @@ class Wing:
     ) -> None:
         """Note the world velocity ``(3,)`` and turn really sent; zero while it only hovers."""
         if self.is_heard(now_s):
-            self._sent, self._turn_rad_s = velocity_world, yaw_rate_rad_s
+            self._orders.append((now_s, velocity_world, yaw_rate_rad_s))
         self._told = self._told + min(1.0, dt_s / _LAG_S) * (velocity_world - self._told)
 
     def turning(self, goal: Array, pose: CameraPose, obstacle: Box3, now_s: float) -> int:
@@ -224,17 +260,12 @@ class Wing:
         """Return how long it has neither seen the object nor felt itself move."""
         telemetry = self.drone.telemetry
         moves = telemetry is not None and bool(np.any(telemetry.velocity_m_s[:2]))
-        if moves or self._felt_s is None or float(np.hypot(*self._told[:2])) < _FELT_M_S:
+        still = float(np.hypot(*self._told[:2])) < _FELT_M_S
+        if moves or self._felt_s is None or still:
             self._felt_s = now_s
+        # One that has lost its hold has it again when it feels itself move, not when it need not.
+        self._blind = not moves and (self._blind or now_s - self._felt_s > _BLIND_S)
         return FlightReadings(
             object_age_s=None if self._seen_s is None else now_s - self._seen_s,
             velocity_age_s=now_s - self._felt_s,
         )
-
-
-def turned(velocity: Array, angle_rad: float) -> Array:
-    """Return ``velocity`` ``(3,)`` turned about +Z."""
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array(
-        [c * velocity[0] - s * velocity[1], s * velocity[0] + c * velocity[1], velocity[2]]
-    )

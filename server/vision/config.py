@@ -192,6 +192,7 @@ class LocalizationConfig:
         start_height_sigma_m: How well that is known, metres.
         start_yaw_sigma_rad: How well the start heading is known, radians.
         velocity_sigma_m_s: White error of a reported velocity (quantisation and noise), m/s.
+        unfelt_sigma_m_s: How fast a drone drifts that does not feel its velocity, per axis, m/s.
         velocity_bias_m_s: Slowly changing error of the reported velocity, m/s.
         velocity_bias_tau_s: Correlation time of that error, seconds.
         velocity_scale_sigma: Share by which a drone's reported speeds are wrong all the time.
@@ -224,6 +225,7 @@ class LocalizationConfig:
     start_height_sigma_m: float = 0.03
     start_yaw_sigma_rad: float = 0.2
     velocity_sigma_m_s: float = 0.05
+    unfelt_sigma_m_s: float = 0.15
     velocity_bias_m_s: float = 0.02
     velocity_bias_tau_s: float = 3.0
     velocity_scale_sigma: float = 0.05

@@ -124,8 +124,14 @@ class PoseFilter:
 
     # Prediction -----------------------------------------------------------------------------
 
-    def observe_telemetry(self, t: Telemetry) -> None:
-        """Move along with one state report and correct the height; a late report is ignored."""
+    def observe_telemetry(self, t: Telemetry, *, felt: bool = True) -> None:
+        """Move along with one state report and correct the height; a late report is ignored.
+
+        Args:
+            t: The report.
+            felt: False when its velocity was not measured but is what the drone was told: it has
+                lost its hold on the floor and drifts.
+        """
         last = self._telemetry
         if last is None:
             # The first report fixes what the reported yaw is counted from.
@@ -142,12 +148,13 @@ class PoseFilter:
             velocity_body=(last.velocity_m_s + t.velocity_m_s) / 2.0,
             yaw_reported=last.yaw_rad + turn / 2.0,
             resting=_rests(last) and _rests(t),
+            felt=felt,
         )
         self._telemetry = t
         self._correct_height(last, t)
 
     def _predict(
-        self, dt_s: float, velocity_body: Array, yaw_reported: float, resting: bool
+        self, dt_s: float, velocity_body: Array, yaw_reported: float, resting: bool, felt: bool
     ) -> None:
         config = self._config
         F, Q = np.eye(_SIZE), np.zeros(_SIZE)
@@ -163,6 +170,9 @@ class PoseFilter:
             F[_P, _E] = -R * dt_s
             F[_B, _D] = dt_s
             Q[_P] = (config.velocity_sigma_m_s * dt_s) ** 2
+            if not felt:
+                # A drift that lasts for its correlation time, as the random walk it amounts to.
+                Q[_P] += 2.0 * config.unfelt_sigma_m_s**2 * config.velocity_bias_tau_s * dt_s
             keep = np.exp(-dt_s / config.velocity_bias_tau_s)
             self._x[_E] *= keep
             F[_E, _E] = keep * np.eye(3)

@@ -12,10 +12,11 @@ from server.bench.missions.cases import CONSOLE_FAULTS, Case
 from server.bench.missions.outcome import Reaction
 from server.mission.commands import CaptureRecord, CaptureRequest, RefusedError
 from server.mission.control import Control
+from server.mission.events import CaptureChanged
 from server.mission.phases import Phase
 from server.swarm.fleet import Fleet
 
-_POLL_S = 0.05
+_NEWS = 1024
 # An operator who has pressed a stop looks for this long before going on.
 _LOOK_S = 8.0
 _HEARTBEAT_S = 2.0
@@ -106,13 +107,18 @@ class Trouble:
     async def _phase_comes(self, phase: str) -> None:
         """Wait for a phase; of the phases of each round, for that of the second round."""
         round_index = 1 if phase in _IN_EVERY_ROUND else 0
-        while True:
-            captures = self._control.captures()
-            if captures:
-                status = captures[0].status
-                if status.phase == phase and status.round_index >= round_index:
+
+        def is_there(status: CaptureChanged) -> bool:
+            return status.phase == phase and status.round_index >= round_index
+
+        # Some phases are over at once, so it is not enough to look now and then.
+        with self._control.events.subscribe(_NEWS) as news:
+            for capture in self._control.captures():
+                if is_there(capture.status):
                     return
-            await asyncio.sleep(_POLL_S)
+            async for event in news:
+                if isinstance(event, CaptureChanged) and is_there(event):
+                    return
 
     async def _be_present(self) -> None:
         while True:
