@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,31 +43,48 @@ class Down:
         return CLEARANCE_M + min(max(0.0, extra_m), _MOST_EXTRA_M)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Landing:
+    """A drone that is to land.
+
+    Attributes:
+        position: Believed position ``(3,)``, world metres.
+        drift_m: How far ``(2,)`` the wind will carry it, world metres: nobody steers a landing.
+    """
+
+    position: Array
+    drift_m: Array = field(default_factory=lambda: np.zeros(2))
+
+
 def landing_places(
-    flying: Mapping[str, Array],
+    flying: Mapping[str, Landing],
     down: Sequence[Down],
     object_box: Box3 | None,
     space: FlightSpace,
 ) -> dict[str, Array]:
-    """Return above which place ``(2,)``, world metres, each drone shall go down.
+    """Return above which place ``(2,)``, world metres, each drone shall begin to land.
 
-    Each drone takes the nearest place that is clear; without any it takes the one with most room
-    about it.
+    Each drone touches down at the nearest place that is clear; without any, at the one with most
+    room about it.
 
     Args:
-        flying: Believed positions ``(3,)`` of the drones that are to land.
+        flying: The drones that are to land.
         down: What nobody may land on.
         object_box: The object's outer box, None while it is unknown.
         space: Fence and standoff.
     """
     taken = [(other.position[:2], other.apart_m) for other in down]
     places: dict[str, Array] = {}
-    for drone_id, position in flying.items():
+    for drone_id, landing in flying.items():
         others = [
-            (p[:2], CLEARANCE_M) for d, p in flying.items() if d not in places and d != drone_id
+            (other.position[:2] + other.drift_m, CLEARANCE_M)
+            for d, other in flying.items()
+            if d not in places and d != drone_id
         ]
-        places[drone_id] = _best(position[:2], [*taken, *others], object_box, space)
-        taken.append((places[drone_id], CLEARANCE_M))
+        unsteered = landing.position[:2] + landing.drift_m
+        touch_down = _best(unsteered, [*taken, *others], object_box, space)
+        places[drone_id] = touch_down - landing.drift_m
+        taken.append((touch_down, CLEARANCE_M))
     return places
 
 

@@ -146,6 +146,10 @@ class Pilot:
             return self._wings[drone_id].pose(asyncio.get_running_loop().time())
         return self._wings[drone_id].filter.pose(at_s)
 
+    def wind(self, drone_id: str) -> Array:
+        """Return the world velocity ``(3,)``, m/s, that a drone has beyond what it is told."""
+        return self._wings[drone_id].wind
+
     def is_heard(self, drone_id: str) -> bool:
         """Return whether a drone's state reports are fresh."""
         return self._wings[drone_id].is_heard(asyncio.get_running_loop().time())

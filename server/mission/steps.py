@@ -21,7 +21,7 @@ from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Level, Noted
 from server.mission.eyes import Eye
-from server.mission.landing import Down, landing_places
+from server.mission.landing import Down, Landing, landing_places
 from server.mission.phases import Phase
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
@@ -41,6 +41,12 @@ _QUARTER_TURN = np.pi / 2.0
 # Drones that hover for a failsafe stop the mission's clock, but not for ever.
 _WAIT_FOR_HOLDING_S = 60.0
 # Longer than this no landing waits for a better place.
+# Wind that is worth going low for before landing, to which height and for how long at most, and for
+# how long it drives a drone that lands from there.
+_WINDY_M_S = 0.12
+_LOW_M = 0.6
+_GO_LOW_S = 10.0
+_WIND_S = 2.0
 # How well each of the places is known where a drone may be that has fallen silent.
 _LOST_SIGMA_M = 0.5
 _MOVE_ASIDE_S = 15.0
@@ -363,7 +369,10 @@ class Steps:
         await self.seeding.settle()
 
     async def _move_aside(self) -> None:
-        """Fly on until nobody would land on a drone that already stands there."""
+        """Fly on until nobody would land on a drone that already stands there.
+
+        Nobody steers a drone while it lands, so one that the wind drives goes low first.
+        """
         pilot, fleet = self._tools.pilot, self._tools.fleet
         poses = {d: pilot.pose(d) for d in self._state.crew if fleet.drones[d].activity == "flying"}
         # A drone that has fallen silent may still be in the air, or down nobody knows where.
@@ -375,26 +384,39 @@ class Steps:
         ]
         down += [Down(place, _LOST_SIGMA_M) for d in lost for place in pilot.whereabouts(d)]
         places = landing_places(
-            {d: pose.position_world for d, pose in poses.items() if d not in lost},
+            {
+                d: Landing(pose.position_world, _WIND_S * pilot.wind(d)[:2])
+                for d, pose in poses.items()
+                if d not in lost
+            },
             down,
             self._state.object_box,
             self._tools.config.planner.space,
         )
-        moving: list[str] = []
+        aside: dict[str, Viewpoint] = {}
+        low: dict[str, Viewpoint] = {}
         for drone_id, place in places.items():
-            position = poses[drone_id].position_world
-            if np.linalg.norm(place - position[:2]) > self._config.arrive_m:
-                moving.append(drone_id)
-                above = np.append(place, position[2])
-                pilot.fly(drone_id, Viewpoint(above, poses[drone_id].yaw_rad))
-        deadline_s = asyncio.get_running_loop().time() + _MOVE_ASIDE_S
-        while asyncio.get_running_loop().time() < deadline_s:
+            pose = poses[drone_id]
+            windy = float(np.linalg.norm(pilot.wind(drone_id))) > _WINDY_M_S
+            if windy or np.linalg.norm(place - pose.position_world[:2]) > self._config.arrive_m:
+                above = np.append(place, pose.position_world[2])
+                aside[drone_id] = Viewpoint(above, pose.yaw_rad)
+            if windy:
+                low[drone_id] = Viewpoint(np.append(place, _LOW_M), pose.yaw_rad)
+        await self._go_by_themselves(aside, _MOVE_ASIDE_S)
+        await self._go_by_themselves(low, _GO_LOW_S)
+
+    async def _go_by_themselves(self, wanted: Mapping[str, Viewpoint], timeout_s: float) -> None:
+        """Get drones to viewpoints, whatever becomes of the others; a stop ends it for a drone."""
+        pilot, fleet = self._tools.pilot, self._tools.fleet
+        for drone_id, viewpoint in wanted.items():
+            pilot.fly(drone_id, viewpoint)
+        deadline_s, moving = asyncio.get_running_loop().time() + timeout_s, list(wanted)
+        while moving and asyncio.get_running_loop().time() < deadline_s:
+            await asyncio.sleep(_POLL_S)
             moving = [
                 d for d in moving if fleet.drones[d].activity == "flying" and not pilot.arrived(d)
             ]
-            if not moving:
-                return
-            await asyncio.sleep(_POLL_S)
 
     async def _while_held(self) -> None:
         """Wait while the operator holds a drone in the air: somebody may stand below it.

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 from pathlib import Path
 
+import pytest
+
 from server.mission.checklist import Check, check_disk, overridden, problems
+from server.mission.disk_watch import DiskWatch, free_mb
 
 GOOD = Check("link", "drone-1", passed=True, found="answers")
 LOW = Check("battery", "drone-2", passed=False, found="battery at 18 %", remedy="Charge it.")
@@ -37,6 +42,40 @@ def test_the_reasons_that_counted_are_kept() -> None:
 
 
 def test_the_disk_is_judged_where_the_runs_will_be(tmp_path: Path) -> None:
-    check = check_disk(tmp_path / "not" / "there" / "yet")
-    assert check.item == "disk"
-    assert "GB free" in check.found
+    room_mb = free_mb(tmp_path / "not" / "there" / "yet")
+    assert room_mb > 0.0
+    assert check_disk(2000.0, 1.0).passed
+    assert "2.0 GB free" in check_disk(2000.0, 1.0).found
+    full = check_disk(100.0, 1.0)
+    assert not full.passed
+    assert not full.final
+
+
+def test_a_disk_that_does_not_answer_is_told() -> None:
+    check = check_disk(2000.0, 60.0)
+    assert not check.passed
+    assert "does not answer" in check.found
+
+
+def test_a_disk_that_hangs_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = threading.Event()
+
+    def hang(folder: Path) -> float:
+        answers.wait(30.0)
+        return 1.0
+
+    async def story() -> None:
+        watch = DiskWatch(tmp_path)
+        await watch.measure()
+        first_s = watch.measured_s
+        monkeypatch.setattr("server.mission.disk_watch.free_mb", hang)
+        hanging = asyncio.create_task(watch.measure())
+        for _ in range(20):
+            await asyncio.sleep(0)  # The loop turns.
+        assert not hanging.done()
+        assert watch.measured_s == first_s
+        answers.set()
+        await hanging
+        assert watch.free_mb == 1.0
+
+    asyncio.run(story())
