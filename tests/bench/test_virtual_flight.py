@@ -111,3 +111,22 @@ def test_the_summary_counts_what_happened() -> None:
     assert figures["images"] == 16
     assert figures["collisions"] == 0
     assert figures["real_udp_missions"] == 0
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        # One lands where nobody believed it, and another on top of it.
+        Case("guitar", 234, 0.05, "no_valid_imu", "fly"),
+        # One flies on with its last sticks, along an arc that leads to another.
+        Case("guitar", 94, 0.05, "loss=1.0", "capture"),
+        # One that the wind drives out of the fence while it lands, which nobody can steer.
+        Case("human", 337, 0.0, "drift_away=0.4", "tune"),
+    ],
+    ids=lambda case: case.name,
+)
+def test_what_once_ended_badly_ends_well(case: Case) -> None:
+    outcome = fly_in_virtual_time(case)
+    assert outcome.happened
+    assert outcome.state == "succeeded"
+    assert_nobody_was_hurt(outcome)

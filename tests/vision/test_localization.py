@@ -96,6 +96,19 @@ def test_forward_flight_moves_along_the_heading_and_turns_left_for_positive_yaw(
     assert wrap_angle(pose_filter.pose(2.1).yaw_rad - np.pi) == pytest.approx(0.2, abs=1e-6)
 
 
+def test_what_a_drone_does_not_feel_makes_its_place_unsure():
+    sigmas = {}
+    for felt in (True, False):
+        pose_filter, t = resting_filter()
+        for k in range(1, 81):
+            flying = later(t, 0.1 * k, height_m=0.8, tof_m=0.88)
+            pose_filter.observe_telemetry(flying, felt=felt)
+        sigmas[felt] = pose_filter.pose(8.0).position_sigma_m
+    # A drift of 0.15 m/s that lasts 3 s at a time, over 8 s.
+    assert 0.7 < sigmas[False] < 1.5
+    assert sigmas[True] < 0.4
+
+
 def test_a_late_report_changes_nothing():
     pose_filter, t = resting_filter()
     pose_filter.observe_telemetry(later(t, 1.0))
