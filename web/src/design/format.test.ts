@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { age, clock, count, timeOfDay, withUnit } from "./format";
+import { age, clock, count, power, timeOfDay, withUnit } from "./format";
 
 describe("format", () => {
   it.each([
@@ -33,6 +33,10 @@ describe("format", () => {
     [6_420_000, "6.42 M"],
   ])("count of %s is %s", (value, text) => {
     expect(count(value)).toBe(text);
+  });
+
+  it("a power of ten is told by its exponent, an unmarked tick by nothing", () => {
+    expect([0.001, 1, null].map(power)).toEqual(["1e-3", "1e+0", ""]);
   });
 
   it("shows a dash without a unit where there is no value", () => {

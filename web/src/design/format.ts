@@ -35,6 +35,11 @@ export function count(value: number): string {
   return value.toFixed(0);
 }
 
+/** A number by its power of ten, `1e-3`: for logarithmic scales, whose unmarked ticks are null. */
+export function power(value: number | null): string {
+  return value === null ? "" : value.toExponential(0);
+}
+
 /** A size of files with three figures: `950 B`, `4.13 kB`, `61.2 MB`. */
 export function bytes(value: number): string {
   const units = ["B", "kB", "MB", "GB"];

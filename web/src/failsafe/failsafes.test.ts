@@ -1,30 +1,13 @@
 import { describe, expect, it } from "vitest";
 import type { DroneReport, FailsafeReport } from "../protocol/messages.gen";
+import { droneReport } from "../state/fixtures";
 import type { DroneState } from "../state/state";
 import { firesNow, newestByRow, tileNews } from "./failsafes";
 
 const NOW = 1_000_000;
 
 function drone(changes: Partial<DroneReport> = {}, since = "2026-01-01T10:00:00Z"): DroneState {
-  const report: DroneReport = {
-    type: "drone_reported",
-    at: "2026-01-01T10:00:10Z",
-    drone_id: "a",
-    name: "A",
-    colour: "#112233",
-    activity: "flying",
-    held: false,
-    battery_pct: 80,
-    temperature_c: 60,
-    height_m: 1,
-    speed_m_s: 0,
-    state_age_s: 0.1,
-    video_age_s: 0.1,
-    video_fps: 15,
-    position_sigma_m: 0.05,
-    video_wanted: true,
-    ...changes,
-  };
+  const report = droneReport({ at: "2026-01-01T10:00:10Z", ...changes });
   return { report, receivedMs: NOW, activitySince: since };
 }
 

@@ -65,7 +65,7 @@ export function HistoryPanel() {
         options={({ axis, letterPx }) => ({
           legend: { show: false },
           cursor: { y: false, points: { size: 6 } },
-          padding: [8, 8, 0, 0],
+          padding: [8, 1.6 * letterPx, 0, 0],
           scales: {
             x: { time: false, range: (_, least, most) => [Math.min(least, -60), most] },
             y: { range: (_, least, most) => spread(least, most, quantity) },

@@ -1,7 +1,7 @@
 import { useMemo } from "react";
 import type { AnnealingStep, Plan } from "../api/plans";
 import { useConsole } from "../context";
-import { count } from "../design/format";
+import { count, power } from "../design/format";
 import { Panel } from "../design/Panel";
 import { LOGARITHMIC, Plot, RIGHT } from "../design/Plot";
 import { words } from "../text/words";
@@ -47,7 +47,14 @@ export function AnnealingPanel({ plan }: { readonly plan: Plan | null }) {
             axes: [
               { ...axis, size: 2.2 * letterPx, values: (_, ticks) => ticks.map(count) },
               { ...axis, size: 4.6 * letterPx },
-              { ...axis, scale: "t", side: RIGHT, grid: { show: false }, size: 4.2 * letterPx },
+              {
+                ...axis,
+                scale: "t",
+                side: RIGHT,
+                grid: { show: false },
+                size: 4.2 * letterPx,
+                values: (_, ticks: (number | null)[]) => ticks.map(power),
+              },
             ],
             series: [
               {},

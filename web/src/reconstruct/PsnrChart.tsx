@@ -18,7 +18,7 @@ function options(theme: PlotTheme, stages: QualitySeries["stages"]): PlotOptions
   return {
     legend: { show: false },
     cursor: { y: false, points: { size: 6 } },
-    padding: [10, 10, 0, 0],
+    padding: [10, 1.6 * letterPx, 0, 0],
     scales: { x: { time: false } },
     axes: [
       { ...axis, size: 2.2 * letterPx, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
@@ -57,10 +57,14 @@ function drawStages(plot: uPlot, stages: QualitySeries["stages"], theme: PlotThe
     ctx.lineTo(x, bbox.top + bbox.height);
     ctx.stroke();
     const word = names[name] ?? name;
-    const left = x + 4 * uPlot.pxRatio;
-    const right = left + ctx.measureText(word).width;
+    const width = ctx.measureText(word).width;
+    const gap = 4 * uPlot.pxRatio;
+    // A word that has no room on the right of its line stands on the left.
+    const fits = x + gap + width <= bbox.left + bbox.width;
+    const left = fits ? x + gap : x - gap - width;
+    const right = left + width;
     // Stages may follow each other faster than their words have room.
-    if (left >= freeFrom && right <= bbox.left + bbox.width) {
+    if (left >= freeFrom) {
       ctx.fillText(word, left, bbox.top + bbox.height - 2 * uPlot.pxRatio);
       freeFrom = right + 6 * uPlot.pxRatio;
     }

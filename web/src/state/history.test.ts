@@ -1,29 +1,13 @@
 import { describe, expect, it } from "vitest";
 import type { DroneReport } from "../protocol/messages.gen";
+import { droneReport } from "./fixtures";
 import { columns, drainPerS, LONGEST_HISTORY_S, withReport, type History } from "./history";
 
 const START = Date.parse("2026-01-01T10:00:00Z");
 
 function report(droneId: string, afterS: number, changes: Partial<DroneReport> = {}): DroneReport {
-  return {
-    type: "drone_reported",
-    at: new Date(START + 1000 * afterS).toISOString(),
-    drone_id: droneId,
-    name: droneId,
-    colour: "#112233",
-    activity: "flying",
-    held: false,
-    battery_pct: 80,
-    temperature_c: 60,
-    height_m: 1,
-    speed_m_s: 0,
-    state_age_s: 0.1,
-    video_age_s: 0.1,
-    video_fps: 15,
-    position_sigma_m: 0.05,
-    video_wanted: true,
-    ...changes,
-  };
+  const at = new Date(START + 1000 * afterS).toISOString();
+  return droneReport({ drone_id: droneId, at, ...changes });
 }
 
 const after = (reports: readonly DroneReport[]): History => reports.reduce(withReport, []);

@@ -7,30 +7,13 @@ import type {
   TrainingReport,
 } from "../protocol/messages.gen";
 import { reduce } from "./reduce";
+import { droneReport } from "./fixtures";
 import { fliesByItself, INITIAL_STATE, type ConsoleState, type Message } from "./state";
 
 const T0 = 1_000_000;
 
 function drone(droneId: string, changes: Partial<DroneReport> = {}): DroneReport {
-  return {
-    type: "drone_reported",
-    at: "2026-01-01T10:00:00Z",
-    drone_id: droneId,
-    name: droneId.toUpperCase(),
-    colour: "#112233",
-    activity: "flying",
-    held: false,
-    battery_pct: 80,
-    temperature_c: 60,
-    height_m: 1,
-    speed_m_s: 0,
-    state_age_s: 0.1,
-    video_age_s: 0.1,
-    video_fps: 15,
-    position_sigma_m: 0.05,
-    video_wanted: true,
-    ...changes,
-  };
+  return droneReport({ drone_id: droneId, name: droneId.toUpperCase(), ...changes });
 }
 
 function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureReport {
