@@ -250,6 +250,13 @@ def test_a_bad_fleet_file(folder: Path, text: str, says: str) -> None:
     assert says in refused(folder, "serve", "--port", "0", "--fleet", str(file))
 
 
+def test_a_start_circle_outside_the_fence(folder: Path) -> None:
+    file = folder.parent / "fleet.toml"
+    file.write_text('start_radius_m = 4.2\n[[drones]]\naddress = "127.9.9.9"\n')
+    line = refused(folder, "serve", "--port", "0", "--fleet", str(file))
+    assert "start_radius_m is 4.2, must be at most 4" in line
+
+
 def test_a_missing_fleet_file(folder: Path) -> None:
     assert "none.toml" in refused(folder, "serve", "--port", "0", "--fleet", "none.toml")
 

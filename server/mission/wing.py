@@ -14,7 +14,7 @@ from server.mission.eyes import Eye, Sight
 from server.mission.whereabouts import LastHeard, coasted, turned, whereabouts
 from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
-from server.stages import Box, CameraPose, SeedGeometry, Viewpoint
+from server.stages import Box, CameraPose, SeedGeometry, Telemetry, Viewpoint
 from server.swarm.connection import OVERTAKEN_S
 from server.swarm.drone import Drone
 from server.swarm.failsafes import FlightReadings
@@ -39,8 +39,11 @@ _COAST_SIGMA_M_S = 0.1
 _ORDERS_KEPT = 32
 # Told to move faster than this, a drone must feel that it moves.
 _FELT_M_S = 0.15
-# For so long it may be late with that.
-_BLIND_S = 0.5
+# So many reports may be late with that.
+_UNFELT_REPORTS = 6
+# For so long a drone flies on that has lost its power, and how well it is known where it fell.
+_FALL_S = 0.3
+_FELL_SIGMA_M = 0.4
 # Boxes of less confidence are shown but correct no pose.
 _SURE_ENOUGH = 0.4
 
@@ -98,7 +101,6 @@ class Wing:
         self.flown = False
         self._config = config
         self._sequence = -1
-        self._motor_time_s = 0.0
         self.wind = np.zeros(3)
         self._told = np.zeros(3)  # World velocity it was told, as a lagging drone follows it.
         # When which world velocity and turn were sent while it could be heard.
@@ -106,8 +108,11 @@ class Wing:
         self._detour: Detour | None = None
         self._target_prior: TargetEstimate | None = None
         self._seen_s: float | None = None
-        self._felt_s: float | None = None
-        self._blind = False
+        self._heard: Telemetry | None = None
+        self._was_up = False
+        self._moves = False
+        self._unfelt = 0
+        self._felt_s = 0.0
         self.place_at_start()
 
     def begin_capture(self) -> None:
@@ -119,8 +124,9 @@ class Wing:
         """Forget what was felt and seen in the flight before."""
         self.wind, self._told = np.zeros(3), np.zeros(3)
         self._orders.clear()
-        self._seen_s = self._felt_s = None
-        self._blind = False
+        self._seen_s = None
+        self._unfelt = 0
+        self._felt_s = 0.0 if self._heard is None else self._heard.received_s
 
     def place_at_start(self) -> None:
         """Believe the drone to stand at its nominal start place."""
@@ -157,17 +163,8 @@ class Wing:
         telemetry = self.drone.telemetry
         if self.drone.activity == "flying":
             self.flown = True
-        if telemetry is not None:
-            if telemetry.motor_time_s < self._motor_time_s - OVERTAKEN_S:
-                # It was switched off: somebody sets it down at its start place again.
-                self.flown = False
-            self._motor_time_s = telemetry.motor_time_s
-            felt = not (self._blind and self.drone.airborne)
-            if not felt:
-                # It reports that it stands, but there is nothing it could tell that by.
-                yaw_rad = self.filter.pose(telemetry.received_s).yaw_rad
-                telemetry = replace(telemetry, velocity_m_s=turned(self._told, -yaw_rad))
-            self.filter.observe_telemetry(telemetry, felt=felt)
+        if telemetry is not None and telemetry is not self._heard:
+            self._observe_telemetry(telemetry)
         sight = self.eye.sight
         if sight is None or sight.frame.sequence <= self._sequence:
             return
@@ -181,13 +178,73 @@ class Wing:
             self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed)
             target.observe(self.drone.config.id, self.filter.target_belief())
 
+    def _observe_telemetry(self, telemetry: Telemetry) -> None:
+        """Take a new report."""
+        before, self._heard = self._heard, telemetry
+        restarted = before is not None and (
+            telemetry.motor_time_s < before.motor_time_s - OVERTAKEN_S
+        )
+        if restarted:
+            # It was switched off: somebody sets it down at its start place again.
+            self.flown = False
+        was_up, self._was_up = self._was_up, self.drone.airborne
+        self._feel(telemetry)
+        if before is not None and was_up:
+            silent_s = telemetry.received_s - before.received_s
+            if restarted or silent_s > _STALE_STATE_S:
+                self._find_again(telemetry, self._last_heard(before), silent_s, restarted)
+                return
+        felt = not (self._blind and self.drone.airborne)
+        if not felt:
+            # It reports that it stands, but there is nothing it could tell that by.
+            yaw_rad = self.filter.pose(telemetry.received_s).yaw_rad
+            telemetry = replace(telemetry, velocity_m_s=turned(self._told, -yaw_rad))
+        self.filter.observe_telemetry(telemetry, felt=felt)
+
+    def _feel(self, telemetry: Telemetry) -> None:
+        """Judge by a new report whether the drone feels itself move when it should."""
+        self._moves = bool(np.any(telemetry.velocity_m_s[:2]))
+        # What it is told beyond its wind is what it should fly.
+        fast = float(np.hypot(*(self._told + self.wind)[:2])) >= _FELT_M_S
+        if not self._moves and fast:
+            self._unfelt += 1
+        elif self._moves or not self._blind:
+            # One that has lost its hold has it again when it feels itself move, not when it stops.
+            self._unfelt = 0
+        if self._unfelt == 0:
+            self._felt_s = telemetry.received_s
+
+    @property
+    def _blind(self) -> bool:
+        """True while it does not know its velocity: it has lost its hold on the floor."""
+        return self._unfelt >= _UNFELT_REPORTS
+
+    def _find_again(
+        self, telemetry: Telemetry, last: LastHeard, silent_s: float, restarted: bool
+    ) -> None:
+        """Believe a drone where it may be that was silent in the air and reports again."""
+        if restarted:
+            # Without power it fell where it was.
+            place, sigma_m = last.position + _FALL_S * last.velocity, _FELL_SIGMA_M
+        elif self.drone.airborne:
+            place, _ = coasted(last, silent_s)
+            sigma_m = _COAST_SIGMA_M_S * silent_s
+        else:
+            places = np.array([position for position, _ in whereabouts(last, silent_s)])
+            place = places.mean(axis=0)
+            sigma_m = _FELL_SIGMA_M + float(np.linalg.norm(places - place, axis=1).max())
+        if not self.drone.airborne:
+            place = np.array([place[0], place[1], self._config.vision.localization.start_height_m])
+        self.filter.resume(telemetry, place, sigma_m, restarted=restarted)
+
     def pose(self, now_s: float) -> CameraPose:
         """Return the believed pose; without reports it goes on as it was flying, ever less sure."""
         pose, silent_s = self.filter.pose(now_s), self._silent_s(now_s)
         if silent_s < _STALE_STATE_S:
             return pose
         T_world_cam, covariance = pose.T_world_cam.copy(), pose.covariance.copy()
-        T_world_cam[:3, 3], _ = coasted(self._last_heard(), silent_s)
+        assert self._heard is not None
+        T_world_cam[:3, 3], _ = coasted(self._last_heard(self._heard), silent_s)
         drifted_m = _COAST_SIGMA_M_S * min(silent_s, _COAST_S)
         covariance[:3, :3] += np.eye(3) * drifted_m**2
         return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
@@ -200,19 +257,18 @@ class Wing:
         silent_s = self._silent_s(now_s)
         if silent_s < _STALE_STATE_S:
             return [(self.filter.pose(now_s).position_world, self.filter.velocity())]
-        return whereabouts(self._last_heard(), silent_s)
+        assert self._heard is not None
+        return whereabouts(self._last_heard(self._heard), silent_s)
 
     def _silent_s(self, now_s: float) -> float:
         """Return for how long a drone in the air has reported nothing."""
-        telemetry = self.drone.telemetry
-        if telemetry is None or not self.drone.airborne:
+        if self._heard is None or not self.drone.airborne:
             return 0.0
-        return max(0.0, now_s - telemetry.received_s)
+        return max(0.0, now_s - self._heard.received_s)
 
-    def _last_heard(self) -> LastHeard:
-        telemetry = self.drone.telemetry
-        assert telemetry is not None
-        heard_s = telemetry.received_s
+    def _last_heard(self, report: Telemetry) -> LastHeard:
+        """Return how it flew at ``report``, the newest that the filter has taken."""
+        heard_s = report.received_s
         # Whatever was sent later may never have arrived.
         sent = [order for order in self._orders if order[0] <= heard_s]
         _, velocity, turn_rad_s = sent[-1] if sent else (heard_s, np.zeros(3), 0.0)
@@ -225,7 +281,9 @@ class Wing:
 
     def against_wind(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
         """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
-        share = min(1.0, dt_s / _WIND_TAU_S) if self.is_heard(now_s) else 0.0
+        # What reports that it stands may stand in the wind, or have lost its hold.
+        knows = self.is_heard(now_s) and self._moves
+        share = min(1.0, dt_s / _WIND_TAU_S) if knows else 0.0
         self.wind = self.wind + share * (self.filter.velocity() - self._told - self.wind)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
         strength = float(np.linalg.norm(self.wind))
@@ -258,14 +316,8 @@ class Wing:
 
     def ages(self, now_s: float) -> FlightReadings:
         """Return how long it has neither seen the object nor felt itself move."""
-        telemetry = self.drone.telemetry
-        moves = telemetry is not None and bool(np.any(telemetry.velocity_m_s[:2]))
-        still = float(np.hypot(*self._told[:2])) < _FELT_M_S
-        if moves or self._felt_s is None or still:
-            self._felt_s = now_s
-        # One that has lost its hold has it again when it feels itself move, not when it need not.
-        self._blind = not moves and (self._blind or now_s - self._felt_s > _BLIND_S)
+        heard = self._heard
         return FlightReadings(
             object_age_s=None if self._seen_s is None else now_s - self._seen_s,
-            velocity_age_s=now_s - self._felt_s,
+            velocity_age_s=0.0 if heard is None else max(0.0, heard.received_s - self._felt_s),
         )

@@ -198,17 +198,13 @@ class StationConfig:
         return network
 
 
-# Drones set down nearer to each other than this meet on their way up.
-_STARTS_APART_M = 0.6
-
-
 @dataclass(frozen=True, slots=True)
 class FleetConfig:
     """The drones and the circle they start on.
 
     Attributes:
         drones: One to eight drones with distinct ids, serial numbers and addresses (two drones may
-            share an address when each has an interface of its own), set down 0.6 m apart or more.
+            share an address when each has an interface of its own).
         start_radius_m: Radius of the nominal start circle, metres.
         station: Where drones without a known address are searched.
     """
@@ -233,7 +229,6 @@ class FleetConfig:
         for index, drone in enumerate(self.drones):
             for other in self.drones[:index]:
                 _check_apart(other, drone)
-                _check_starts_apart(other, drone, self.start_radius_m)
             if not drone.address and not self.station.subnet:
                 raise ValueError(
                     f"address: {drone.id} is known by its serial number alone; give its address,"
@@ -263,17 +258,6 @@ def _check_apart(other: DroneConfig, drone: DroneConfig) -> None:
         raise ValueError(
             f"interface: {bare.id} needs one, too: a port cannot be shared with a drone that has"
             f" an interface ({other.id} and {drone.id})"
-        )
-
-
-def _check_starts_apart(other: DroneConfig, drone: DroneConfig, radius_m: float) -> None:
-    """Raise ValueError when two drones would take off beneath each other's propellers."""
-    half_turn = math.radians(drone.azimuth_deg - other.azimuth_deg) / 2.0
-    apart_m = 2.0 * radius_m * abs(math.sin(half_turn))
-    if apart_m < _STARTS_APART_M:
-        raise ValueError(
-            f"azimuth_deg: {other.id} and {drone.id} start {apart_m:.2f} m apart, must be at least"
-            f" {_STARTS_APART_M:g} m (start_radius_m is {radius_m:g})"
         )
 
 

@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,25 @@ def _fleet_from(document: Mapping[str, object]) -> FleetConfig:
         drones.append(_drone_from(table, index, len(tables), where))
     radius = document.get("start_radius_m", 1.8)
     station = _station_from(document.get("station", {}))
-    return FleetConfig(tuple(drones), _number(radius, "start_radius_m"), station)
+    fleet = FleetConfig(tuple(drones), _number(radius, "start_radius_m"), station)
+    for other, drone in combinations(fleet.drones, 2):
+        _check_starts_apart(other, drone, fleet.start_radius_m)
+    return fleet
+
+
+# Drones set down nearer to each other than this meet on their way up.
+_STARTS_APART_M = 0.6
+
+
+def _check_starts_apart(other: DroneConfig, drone: DroneConfig, radius_m: float) -> None:
+    """Raise ValueError when two drones would take off beneath each other's propellers."""
+    half_turn = math.radians(drone.azimuth_deg - other.azimuth_deg) / 2.0
+    apart_m = 2.0 * radius_m * abs(math.sin(half_turn))
+    if apart_m < _STARTS_APART_M:
+        raise ValueError(
+            f"azimuth_deg: {other.id} and {drone.id} start {apart_m:.2f} m apart, must be at least"
+            f" {_STARTS_APART_M:g} m (start_radius_m is {radius_m:g})"
+        )
 
 
 def _station_from(table: object) -> StationConfig:

@@ -24,6 +24,8 @@ _LOG = logging.getLogger(__name__)
 # A drone believed on the ground whose motor clock goes on after this flies, however low.
 _SPIN_DOWN_S = 1.2
 _AIRBORNE: tuple[Activity, ...] = ("taking_off", "flying", "holding", "landing")
+# Sent at once: all lost together is rare.
+_STILL_COPIES = 3
 _LONG_AGO: tuple[Setpoint, float] = (HOVER, -1e9)
 
 
@@ -143,7 +145,9 @@ class Flight:
         self._setpoint = _LONG_AGO
         self.doing = "taking_off"
         self._airborne_s = self._clock()
-        self._send(STILL)  # Sticks survive a landing; an old deflection must not fly on.
+        # Sticks survive a landing; an old deflection must not fly on, nor depend on one datagram.
+        for _ in range(_STILL_COPIES):
+            self._send(STILL)
 
     def end_climb(self) -> None:
         """Note that the take-off is over, however it ended.

@@ -153,6 +153,24 @@ class PoseFilter:
         self._telemetry = t
         self._correct_height(last, t)
 
+    def resume(
+        self, t: Telemetry, position: Array, sigma_m: float, *, restarted: bool = False
+    ) -> None:
+        """Go on with report ``t`` after a silence.
+
+        Args:
+            t: The first report since.
+            position: Where the drone is believed now ``(3,)``, world metres.
+            sigma_m: How much less is known of that than before the silence, per axis.
+            restarted: True when it was off meanwhile: it counts its yaw anew.
+        """
+        last, self._telemetry, self._yaw_rate_rad_s = self._telemetry, t, 0.0
+        self._x[_P] = position
+        self._cov[_P, _P] += sigma_m**2 * np.eye(3)
+        if restarted and last is not None:
+            self._x[_B] += last.yaw_rad - t.yaw_rad
+            self._cov[_B, _B] += self._config.start_yaw_sigma_rad**2
+
     def _predict(
         self, dt_s: float, velocity_body: Array, yaw_reported: float, resting: bool, felt: bool
     ) -> None:

@@ -120,6 +120,8 @@ def test_the_summary_counts_what_happened() -> None:
         Case("guitar", 234, 0.05, "no_valid_imu", "fly"),
         # One flies on with its last sticks, along an arc that leads to another.
         Case("guitar", 94, 0.05, "loss=1.0", "capture"),
+        # One falls where it loses its power, and is believed to have flown on.
+        Case("robot_dog", 175, 0.1, "reboot", "fly"),
         # One that the wind drives out of the fence while it lands, which nobody can steer.
         Case("human", 337, 0.0, "drift_away=0.4", "tune"),
     ],

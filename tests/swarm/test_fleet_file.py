@@ -112,6 +112,10 @@ DRONE = '[[drones]]\naddress = "192.168.1.21"\n'
         ("[[drones]]\n[[drones]]\ninterface = 'wlan1'", ["address", "unique", "192.168.10.1"]),
         ("[[drones]]\ninterface = 'wlan1'\n" * 2, ["unique per interface", "drone-1 and drone-2"]),
         (DRONE + "[[drones]]\ninterface = 'wlan1'", ["interface", "drone-1 needs one"]),
+        (
+            DRONE + "azimuth_deg = 90\n[[drones]]\naddress = '192.168.1.9'\nazimuth_deg = 100",
+            ["azimuth_deg", "drone-1 and drone-2", "0.31 m apart", "0.6 m"],
+        ),
         (DRONE + "link = 'lan'", ["drones[1].link", "ap, relay, station", "lan"]),
         (DRONE + "serial = 'x'", ["drones[1].serial", "'x'"]),
         ("[[drones]]\nserial = '0TQDG3UEDBSP12'", ["serial number alone", "[station] subnet"]),

@@ -109,6 +109,25 @@ def test_what_a_drone_does_not_feel_makes_its_place_unsure():
     assert sigmas[True] < 0.4
 
 
+def test_after_a_silence_it_goes_on_where_it_is_believed():
+    pose_filter, t = resting_filter()
+    before = pose_filter.pose(0.0)
+    # Away for ten seconds, with a velocity that must not be flown on for as long.
+    flying = later(t, 10.0, velocity_m_s=np.array([0.5, 0, 0]), height_m=0.8, tof_m=0.88)
+    place = np.array([0.5, 0.7, 0.9])
+    pose_filter.resume(flying, place, 0.8)
+    pose = pose_filter.pose(10.0)
+    np.testing.assert_allclose(pose.position_world, place)
+    assert pose.yaw_rad == pytest.approx(before.yaw_rad)
+    assert 0.8 < pose.position_sigma_m < 0.9
+    # One that was off counts its yaw anew, and looks where it looked.
+    fallen = later(t, 20.0, yaw_rad=0.0)
+    pose_filter.resume(fallen, place, 0.4, restarted=True)
+    again = pose_filter.pose(20.0)
+    assert wrap_angle(again.yaw_rad - before.yaw_rad) == pytest.approx(0.0, abs=1e-9)
+    assert again.covariance[3, 3] > pose.covariance[3, 3] + 0.9 * CONFIG.start_yaw_sigma_rad**2
+
+
 def test_a_late_report_changes_nothing():
     pose_filter, t = resting_filter()
     pose_filter.observe_telemetry(later(t, 1.0))
