@@ -256,8 +256,7 @@ class Pilot:
             # Who climbs, sinks, is held or silent makes no room: the others do.
             yields = wing.is_heard(now_s) and not wing.drone.held
             yields = yields and wing.drone.activity in ("flying", "holding")
-            _, velocity = wing.whereabouts(now_s)[0]
-            agents.append(agent_from_pose(pose, velocity, wish[0], yields))
+            agents.append(agent_from_pose(pose, wing.velocity(now_s), wish[0], yields))
         if not flying:
             return
         planner = self._config.planner
@@ -298,6 +297,8 @@ class Pilot:
         """Return where silent drones may be besides where they are believed; nobody steers them."""
         ghosts: list[Agent] = []
         for wing in wings:
+            if wing.is_heard(now_s):
+                continue
             name = wing.drone.config.id
             for position, velocity in wing.whereabouts(now_s)[1:]:
                 if position[2] > _DOWN_M:

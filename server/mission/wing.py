@@ -249,6 +249,14 @@ class Wing:
         covariance[:3, :3] += np.eye(3) * drifted_m**2
         return replace(pose, T_world_cam=T_world_cam, covariance=covariance)
 
+    def velocity(self, now_s: float) -> Array:
+        """Return the believed velocity ``(3,)``, world m/s; a silent one flies on as it was."""
+        silent_s = self._silent_s(now_s)
+        if silent_s < _STALE_STATE_S:
+            return self.filter.velocity()
+        assert self._heard is not None
+        return coasted(self._last_heard(self._heard), silent_s)[1]
+
     def whereabouts(self, now_s: float) -> list[tuple[Array, Array]]:
         """Return the positions and velocities, each ``(3,)``, world, that it may have.
 
@@ -256,7 +264,7 @@ class Wing:
         """
         silent_s = self._silent_s(now_s)
         if silent_s < _STALE_STATE_S:
-            return [(self.filter.pose(now_s).position_world, self.filter.velocity())]
+            return [(self.pose(now_s).position_world, self.velocity(now_s))]
         assert self._heard is not None
         return whereabouts(self._last_heard(self._heard), silent_s)
 

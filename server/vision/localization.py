@@ -85,6 +85,8 @@ class PoseFilter:
         self._yaw_rate_rad_s = 0.0
         self._box_at_s: float | None = None
         self._others: tuple[Array, Array] | None = None
+        # State and covariance as last asked for; a pose is asked for more often than it changes.
+        self._answer: tuple[Array, Array] | None = None
         self._x = np.zeros(_SIZE)
         self._x[0:2] = np.asarray(start_position, float)[:2]
         self._x[2] = config.start_height_m
@@ -112,6 +114,7 @@ class PoseFilter:
         """
         self._prior = prior
         self._others = None
+        self._answer = None
         spread = np.array([self._config.box_bias_rad, self._config.box_bias_rad])
         for part, mean, cov in (
             (_O, np.zeros(3), np.diag(np.append(spread, self._config.size_bias) ** 2)),
@@ -132,7 +135,7 @@ class PoseFilter:
             felt: False when its velocity was not measured but is what the drone was told: it has
                 lost its hold on the floor and drifts.
         """
-        last = self._telemetry
+        last, self._answer = self._telemetry, None
         if last is None:
             # The first report fixes what the reported yaw is counted from.
             self._x[_B] = self._start_yaw - t.yaw_rad
@@ -165,6 +168,7 @@ class PoseFilter:
             restarted: True when it was off meanwhile: it counts its yaw anew.
         """
         last, self._telemetry, self._yaw_rate_rad_s = self._telemetry, t, 0.0
+        self._answer = None
         self._x[_P] = position
         self._cov[_P, _P] += sigma_m**2 * np.eye(3)
         if restarted and last is not None:
@@ -234,6 +238,7 @@ class PoseFilter:
                 (``TargetEstimator.estimate(excluding=drone_id)``), None to keep the last.
             seed: The object's geometry, None while it is not known.
         """
+        self._answer = None
         if target is not None:
             self._others = self._likelihood_of_others(target)
         if self._telemetry is None or (self._box_at_s is not None and at_s <= self._box_at_s):
@@ -368,8 +373,13 @@ class PoseFilter:
 
     def _conditioned(self) -> tuple[Array, Array]:
         """Return state and covariance given also what the others know of the object."""
+        if self._answer is None:
+            self._answer = self._condition()
+        return self._answer
+
+    def _condition(self) -> tuple[Array, Array]:
         if self._others is None:
-            return self._x, self._cov
+            return self._x.copy(), self._cov
         information, weighted = self._others
         cov_t = self._cov[_T, _T]
         # t given both: (C^-1 + I)^-1 = C - C I (1 + C I)^-1 C, which needs no inverse of I.
