@@ -14,7 +14,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
@@ -42,18 +41,15 @@ from server.doctor.command import run_doctor
 from server.doctor.config import LiveConfig
 from server.doctor.examination import Subject
 from server.doctor.scan import parse_subnet
+from server.field_commands import add_field_commands
 from server.flight_commands import add_flight_commands
-from server.jobs.runner import JobFailedError, LocalRunner
-from server.jobs.spec import JobSpec
 from server.library_commands import add_library_commands
 from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
 from server.sim.words import LEVELS
-from server.store.runs import run_id
 from server.terminal import (
     CaptureFollower,
     OneLineParser,
-    TrainingBar,
     count,
     fleet_size,
     metrics_table,
@@ -244,52 +240,6 @@ def _problem(answer: httpx.Response) -> str:
     return "; ".join(faults) or problem.get("detail") or str(answer.status_code)
 
 
-def train(arguments: argparse.Namespace) -> int:
-    """Train a field on a folder with transforms.json and judge it on held-out pictures."""
-    return asyncio.run(_train(arguments))
-
-
-async def _train(arguments: argparse.Namespace) -> int:
-    settings = load_settings(runs=arguments.runs)
-    check_runs(settings.runs)
-    if arguments.seconds is None and arguments.steps is None:
-        arguments.seconds = 60.0
-    parameters = {
-        "source": "dataset",
-        "dataset": str(arguments.dataset.resolve()),
-        # The worker makes this folder once the dataset has turned out to be readable.
-        "out": str(settings.runs.resolve() / run_id(f"train {arguments.dataset.name}")),
-        "train_seconds": arguments.seconds,
-        "steps": arguments.steps,
-        "downscale": arguments.downscale,
-        "object_only": arguments.object_only,
-        "test_every": arguments.test_every,
-        "backend": arguments.backend,
-    }
-    threads = os.cpu_count() or 1
-    spec = JobSpec("reconstruct", parameters, seed=arguments.seed, threads=threads, niceness=0)
-    started_s = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="dronerf-train-") as folder:
-        job = await LocalRunner().submit(spec, Path(folder))
-        bar = TrainingBar()
-        done: dict[str, Any] = {}
-        try:
-            async for event in job.events():
-                bar.show(event)
-                done = event
-        except JobFailedError as error:
-            bar.close()
-            print(f"dronerf: {error}", file=sys.stderr)
-            return 2 if error.bad_input else 1
-        finally:
-            await job.cancel()
-        bar.close()
-    result = {key: value for key, value in done.items() if key not in ("event", "at_s")}
-    result["wall_s"] = round(time.monotonic() - started_s, 1)
-    print(json.dumps(result) if arguments.json else metrics_table(result))
-    return 0
-
-
 def doctor(arguments: argparse.Namespace) -> int:
     """Say what is wrong with this set-up and what to do about it."""
     return asyncio.run(_doctor(arguments))
@@ -407,27 +357,7 @@ def _parser() -> argparse.ArgumentParser:
     part.add_argument("--name", help="what to call it; also part of the run folder's name")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
 
-    part = _command(commands, "train", train, "train on any folder with transforms.json")
-    part.add_argument("dataset", type=Path, help="folder with transforms.json")
-    length = part.add_mutually_exclusive_group()
-    length.add_argument("--seconds", type=seconds, help="training time (60)")
-    length.add_argument("--steps", type=count, help="training steps instead")
-    part.add_argument("--downscale", type=count, help="divide picture sizes by this")
-    part.add_argument(
-        "--object-only",
-        action="store_true",
-        help="learn only what the masks show; pictures transparent around it need no flag",
-    )
-    part.add_argument("--test-every", type=count, default=8, help="hold out every n-th (8)")
-    part.add_argument(
-        "--backend",
-        choices=("numba", "torch"),
-        default="numba",
-        help="fast kernels, or the slow definition they are checked against (numba)",
-    )
-    part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
-    part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
-    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    add_field_commands(commands, _command)
 
     part = _command(commands, "doctor", doctor, "what is wrong with this set-up, and what to do")
     source = part.add_mutually_exclusive_group()

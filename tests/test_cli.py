@@ -25,6 +25,8 @@ COMMANDS = (
     "sim",
     "capture",
     "train",
+    "render",
+    "export",
     "doctor",
     "calibrate",
     "record",
@@ -116,6 +118,9 @@ def test_the_help_lists_exactly_the_commands(folder: Path) -> None:
         (("train",), "dataset"),
         (("train", ".", "--seconds", "1", "--steps", "1"), "--steps"),
         (("train", ".", "--test-every", "0"), "--test-every"),
+        (("render", ".", "--size", "640"), "640"),
+        (("export", ".", "--format", "stl"), "stl"),
+        (("export", ".", "--cells", "4"), "--cells"),
     ],
 )
 def test_wrong_usage_is_said_in_one_line(

@@ -25,7 +25,13 @@ def test_each_signal_to_end_asks_once_to_land(number: signal.Signals) -> None:
             for each in SIGNALS:
                 asyncio.get_running_loop().remove_signal_handler(each)
 
-    asyncio.run(story())
+    # Tests that run in the background find these signals ignored, and the program leaves that.
+    before = {each: signal.signal(each, signal.SIG_DFL) for each in SIGNALS}
+    try:
+        asyncio.run(story())
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def test_a_console_that_shall_outlive_its_terminal_does() -> None:

@@ -11,19 +11,21 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel
 
-from server.jobs.reports import FieldReports
+from server.geometry.boxes import union
+from server.jobs.reports import FieldReports, tell_share
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
 from server.nerf.flight import read_pictures
+from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
 from server.nerf.training import Trainer
@@ -149,6 +151,8 @@ def _judge_and_deliver(
         "run": str(out),
         "dataset": str(wanted.dataset),
         "mode": wanted.mode,
+        "downscale": wanted.downscale,
+        "object_only": wanted.object_only,
         **asdict(metrics),
         "samples_per_s": round(samples_per_s, 1),
         "seconds": stages.seconds,
@@ -226,23 +230,7 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
         )
         for picture in flown
     ]
-    begun_s = time.monotonic()
-
-    def on_progress(_what: str, share: float) -> None:
-        seconds = time.monotonic() - begun_s
-        reporter.emit(
-            "progressed",
-            stage="refine",
-            step=0,
-            seconds=round(seconds, 1),
-            seconds_total=round(seconds / share, 1) if share > 0.05 else None,
-            loss=None,
-            psnr_db=None,
-            held_out_psnr_db=None,
-            samples_per_s=0.0,
-            images=len(pictures),
-        )
-
+    tell = tell_share(reporter, "refine", len(pictures))
     listed = [picture for picture in flown if picture.still]
     calibrated = dict(zip((picture.drone_id for picture in listed), before.intrinsics, strict=True))
     poses = refine_poses(
@@ -250,13 +238,20 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
         [calibrated.get(picture.drone_id, before.intrinsics[0]) for picture in flown],
         folder / "jobs" / "poses",
         PoseConfig(threads=spec.threads, seed=spec.seed),
-        on_progress,
+        lambda _what, share: tell(share),
         reporter.should_stop,
     )
     stills = np.array([picture.still for picture in pictures])
     T_world_cam, refined = poses.T_world_cam[stills], poses.refined[stills]
     sigma_m, sigma_rad = poses.sigma_m[stills], poses.sigma_rad[stills]
     cameras = tuple(camera for camera, p in zip(poses.intrinsics, flown, strict=True) if p.still)
+    object_box = before.object_box
+    if object_box is not None:
+        # It was found with the flight's poses, which the refined ones do not agree with entirely.
+        posed = replace(before, T_world_cam=T_world_cam, intrinsics=cameras)
+        found = box_of_masks(posed, object_box)
+        # Thin parts are missing from some masks: what either knows of belongs to it.
+        object_box = object_box if found is None else union((found, object_box))
     write_transforms(
         folder,
         [
@@ -264,7 +259,7 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
             for p, T, camera in zip(listed, T_world_cam, cameras, strict=True)
         ],
         before.intrinsics[0],
-        before.object_box,
+        object_box,
     )
     about = {
         "message": poses.message,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -20,6 +21,34 @@ _SCORE_S = 8.0
 _ORBIT_S = 40.0
 # The curve's held-out figure is taken on small renderings; the final figures are not.
 _SCORE_SCALE = 0.25
+
+
+def tell_share(reporter: Reporter, stage: str, images: int) -> Callable[[float], None]:
+    """Return what tells of a stage how far it is and how long it will take in all.
+
+    Args:
+        reporter: Where the news goes.
+        stage: Its name.
+        images: Pictures in use.
+    """
+    begun_s = time.monotonic()
+
+    def tell(share: float) -> None:
+        seconds = time.monotonic() - begun_s
+        reporter.emit(
+            "progressed",
+            stage=stage,
+            step=0,
+            seconds=round(seconds, 1),
+            seconds_total=round(seconds / share, 1) if share > 0.05 else None,
+            loss=None,
+            psnr_db=None,
+            held_out_psnr_db=None,
+            samples_per_s=0.0,
+            images=images,
+        )
+
+    return tell
 
 
 class FieldReports:

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-Kind = Literal["plan", "reconstruct"]
+Kind = Literal["plan", "reconstruct", "render", "export"]
 
 
 class Reporting(Protocol):

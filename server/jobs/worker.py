@@ -21,7 +21,12 @@ from typing import Any
 from server.jobs.spec import JobSpec
 
 # By name, so that planning does not wait for torch to load.
-_PROGRAMS = {"plan": "server.jobs.plan", "reconstruct": "server.jobs.reconstruct"}
+_PROGRAMS = {
+    "plan": "server.jobs.plan",
+    "reconstruct": "server.jobs.reconstruct",
+    "render": "server.jobs.render",
+    "export": "server.jobs.export",
+}
 
 
 class Reporter:

@@ -12,12 +12,19 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from server.geometry.boxes import Box3
 from server.nerf.dataset import Dataset
 from server.nerf.space import SceneSpace, expand, scene_space
 
 # Cells per axis of the first look for the object.
 _SEARCH_CELLS = 96
+# The same for a box of masks that are only roughly right; so large a share of them may disagree.
+_BOX_CELLS = 64
+_DISSENTING_SHARE = 0.3
+# A box so much smaller or larger than believed is of something else.
+_LEAST_SHARE = 0.4
 # Share of the pictures that must agree that a cell is outside: a single mask may be wrong.
 _AGREEING_SHARE = 0.05
 # Parts of the cube nearer to a camera than this share of its distance are taken as that far.
@@ -56,6 +63,43 @@ def tight_space(dataset: Dataset) -> SceneSpace:
     lower, upper = corners.min(axis=0) / _SEARCH_CELLS, (corners.max(axis=0) + 1) / _SEARCH_CELLS
     lower, upper = wide.centre + wide.half_size * expand(np.stack([lower, upper]))
     return SceneSpace((lower + upper) / 2.0, float((upper - lower).max()) / 2.0)
+
+
+def box_of_masks(dataset: Dataset, near: Box3) -> Box3 | None:
+    """Return the box of what the masks of posed pictures agree on, None when they do not.
+
+    Args:
+        dataset: Pictures whose masks show the object, each perhaps only roughly.
+        near: Where the object was believed; it is looked for in twice that size.
+    """
+    reach_m = float(near.size.max())
+    axes = [middle + np.linspace(-reach_m, reach_m, _BOX_CELLS) for middle in near.centre]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    seen = np.zeros(len(points), np.int16)
+    beside = np.zeros(len(points), np.int16)
+    masked = [index for index, mask in enumerate(dataset.masks) if mask is not None]
+    for index in masked:
+        mask = dataset.masks[index]
+        assert mask is not None
+        pixels, depths = dataset.intrinsics[index].project(points, dataset.T_world_cam[index])
+        u, v = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        shown = (depths > 0) & (u >= 0) & (u < mask.shape[1]) & (v >= 0) & (v < mask.shape[0])
+        seen += shown
+        beside[shown] += ~mask[v[shown], u[shown]]
+    # Masks are cut short here and there; shadows in single ones reach far.
+    agreed = (2 * seen >= len(masked)) & (seen > 0) & (beside <= _DISSENTING_SHARE * seen)
+    labels = np.zeros((_BOX_CELLS,) * 3, np.int32)
+    ndimage.label(agreed.reshape(labels.shape), output=labels)
+    if not labels.any():
+        return None
+    largest = 1 + int(np.bincount(labels.reshape(-1))[1:].argmax())
+    corners = np.argwhere(labels == largest)
+    half_cell_m = reach_m / (_BOX_CELLS - 1)
+    lower = [axis[k] for axis, k in zip(axes, corners.min(axis=0), strict=True)]
+    upper = [axis[k] for axis, k in zip(axes, corners.max(axis=0), strict=True)]
+    found = Box3(np.array(lower) - half_cell_m, np.array(upper) + half_cell_m)
+    share = float(found.size.max()) / reach_m
+    return found if _LEAST_SHARE < share < 1.0 / _LEAST_SHARE else None
 
 
 def visual_hull(

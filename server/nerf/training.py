@@ -293,7 +293,12 @@ class Trainer:
                 on_progress(report)
 
     def render(
-        self, intrinsics: Intrinsics, T_world_cam: Array, *, samples_per_ray: int | None = None
+        self,
+        intrinsics: Intrinsics,
+        T_world_cam: Array,
+        *,
+        samples_per_ray: int | None = None,
+        only: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
     ) -> Rendering:
         """Render the field from a camera; its distortion is applied as in the pictures.
 
@@ -301,6 +306,7 @@ class Trainer:
             intrinsics: The camera.
             T_world_cam: Its pose ``(4, 4)``.
             samples_per_ray: Fewer are quicker and coarser; None for those of the config.
+            only: Told points ``u`` ``(n, 3)``, says which of them are shown; None for all.
         """
         slots = samples_per_ray or self._train.render_samples_per_ray
         origins, directions = camera_rays(intrinsics, T_world_cam, self.space)
@@ -309,7 +315,7 @@ class Trainer:
         depth, opacity = np.empty(rays, np.float32), np.empty(rays, np.float32)
         for start in range(0, rays, _RENDER_RAYS):
             part = slice(start, min(start + _RENDER_RAYS, rays))
-            samples = self._visible_samples(origins[part], directions[part], slots)
+            samples = self._visible_samples(origins[part], directions[part], slots, only)
             harmonics = spherical_harmonics(directions[part], self._field.sh_degree)
             sigmas, colours = self._shade(samples, harmonics)
             composite(
@@ -461,7 +467,13 @@ class Trainer:
         backdrops = noise * random + (np.float32(1.0) - noise) * self._background
         return backdrops.astype(np.float32)
 
-    def _visible_samples(self, origins: FloatArray, directions: FloatArray, slots: int) -> Samples:
+    def _visible_samples(
+        self,
+        origins: FloatArray,
+        directions: FloatArray,
+        slots: int,
+        only: Callable[[FloatArray], NDArray[np.bool_]] | None,
+    ) -> Samples:
         """Return those of ``slots`` samples per ray that show on some rays of a rendering."""
         samples = sample_rays(
             self._memory,
@@ -475,6 +487,8 @@ class Trainer:
         )
         # Rays that meet nothing seen have samples of no length; beside an object alone most do.
         real = np.flatnonzero(samples.dss > 0.0)
+        if only is not None:
+            real = real[only(samples.points[real])]
         sigmas = np.zeros(len(samples.dss), np.float32)
         if len(real):
             sigmas[real] = self._densities(samples.points[real])

@@ -13,41 +13,29 @@ from server.nerf.hull import grown_mask, tight_space, visual_hull
 from server.nerf.rays import PixelSource
 from server.nerf.space import contract, scene_space
 from server.nerf.training import Trainer
-from tests.nerf.tiny_scene import BALL_CENTRE, BALL_RADIUS, BOX, CAMERA, write_tiny_scene
+from tests.nerf.tiny_scene import (
+    BALL_CENTRE,
+    BALL_RADIUS,
+    BOX,
+    CAMERA,
+    ball_mask,
+    ball_points,
+    write_cut_out_scene,
+    write_tiny_scene,
+)
 
 CELLS = 64
-
-
-def ball_mask(T_world_cam):
-    """Return which pixels see the ball, ``(h, w)``."""
-    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    d = CAMERA.directions(pixels) @ T_world_cam[:3, :3].T
-    o = T_world_cam[:3, 3] - BALL_CENTRE
-    b = d @ o
-    hit = (b**2 - o @ o + BALL_RADIUS**2 > 0) & (b < 0)
-    return hit.reshape(CAMERA.height, CAMERA.width)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """The tiny scene with every picture transparent around the ball."""
-    folder = write_tiny_scene(tmp_path_factory.mktemp("cut") / "scene")
-    dataset = load_dataset(folder)
-    for file, image, T in zip(dataset.files, dataset.images, dataset.T_world_cam, strict=True):
-        alpha = np.where(ball_mask(T), 255, 0).astype(np.uint8)
-        cv2.imwrite(str(file), np.dstack([image[:, :, ::-1], alpha]))
-    return folder
+    return write_cut_out_scene(tmp_path_factory.mktemp("cut") / "scene")
 
 
 @pytest.fixture(scope="module")
 def dataset(folder):
     return load_dataset(folder)
-
-
-def ball_points(count=2000):
-    d = np.random.default_rng(0).normal(size=(count, 3))
-    return BALL_CENTRE + BALL_RADIUS * d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
 def cells_of(points, space):

@@ -10,7 +10,7 @@ import numpy as np
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
-from server.nerf.dataset import PosedFile, write_transforms
+from server.nerf.dataset import PosedFile, load_dataset, write_transforms
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 BALL_CENTRE = np.array([0.0, 0.0, 0.4])
@@ -58,3 +58,30 @@ def write_tiny_scene(folder: Path, pictures: int = 24) -> Path:
         posed.append(PosedFile(name, pose))
     write_transforms(folder, posed, CAMERA, BOX)
     return folder
+
+
+def write_cut_out_scene(folder: Path, pictures: int = 24) -> Path:
+    """Write the same views with every picture transparent around the ball."""
+    write_tiny_scene(folder, pictures)
+    dataset = load_dataset(folder)
+    for file, image, T in zip(dataset.files, dataset.images, dataset.T_world_cam, strict=True):
+        alpha = np.where(ball_mask(T), 255, 0).astype(np.uint8)
+        cv2.imwrite(str(file), np.dstack([image[:, :, ::-1], alpha]))
+    return folder
+
+
+def ball_mask(T_world_cam: np.ndarray) -> np.ndarray:
+    """Return which pixels see the ball, ``(h, w)``."""
+    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    d = CAMERA.directions(pixels) @ T_world_cam[:3, :3].T
+    o = T_world_cam[:3, 3] - BALL_CENTRE
+    b = d @ o
+    hit = (b**2 - o @ o + BALL_RADIUS**2 > 0) & (b < 0)
+    return hit.reshape(CAMERA.height, CAMERA.width)
+
+
+def ball_points(count: int = 2000) -> np.ndarray:
+    """Return ``count`` points ``(count, 3)`` on the ball."""
+    d = np.random.default_rng(0).normal(size=(count, 3))
+    return BALL_CENTRE + BALL_RADIUS * d / np.linalg.norm(d, axis=1, keepdims=True)

@@ -1,0 +1,170 @@
+"""``dronerf train``, ``render`` and ``export``: fields from a shell.
+
+Each is a job of the worker program, so that nothing here waits for torch to load.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from server.app import check_runs
+from server.jobs.runner import JobFailedError, LocalRunner
+from server.jobs.spec import JobSpec, Kind
+from server.settings import load_settings
+from server.store.runs import run_id
+from server.terminal import TrainingBar, count, metrics_table, seconds, seed
+
+AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+
+_FORMATS = ("glb", "ply", "points", "colmap", "transforms")
+
+
+def add_field_commands(commands: Any, add: AddCommand) -> None:
+    """Add ``train``, ``render`` and ``export`` to a parser's ``commands`` by its own ``add``."""
+    part = add(commands, "train", run_train, "train on any folder with transforms.json")
+    part.add_argument("dataset", type=Path, help="folder with transforms.json")
+    length = part.add_mutually_exclusive_group()
+    length.add_argument("--seconds", type=seconds, help="training time (60)")
+    length.add_argument("--steps", type=count, help="training steps instead")
+    part.add_argument("--downscale", type=count, help="divide picture sizes by this")
+    part.add_argument(
+        "--object-only",
+        action="store_true",
+        help="learn only what the masks show; pictures transparent around it need no flag",
+    )
+    part.add_argument("--test-every", type=count, default=8, help="hold out every n-th (8)")
+    part.add_argument(
+        "--backend",
+        choices=("numba", "torch"),
+        default="numba",
+        help="fast kernels, or the slow definition they are checked against (numba)",
+    )
+    part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
+    part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    part = add(commands, "render", run_render, "a film once round the object of a finished run")
+    part.add_argument("run", type=Path, help="the run folder")
+    part.add_argument("--out", type=Path, help="the film (orbit.mp4 in the run folder)")
+    part.add_argument("--seconds", type=seconds, default=4.0, help="its length (4)")
+    part.add_argument("--fps", type=count, default=24, help="pictures per second (24)")
+    part.add_argument("--size", type=_size, default=(480, 360), help="WIDTHxHEIGHT (480x360)")
+    part.add_argument(
+        "--pictures",
+        type=Path,
+        metavar="FOLDER",
+        help="no film: each photograph beside what the field shows from there",
+    )
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+    part = add(commands, "export", run_export, "a finished run as other programs open it")
+    part.add_argument("run", type=Path, help="the run folder")
+    part.add_argument(
+        "--format",
+        choices=_FORMATS,
+        default="glb",
+        help="glb, ply: the object's mesh with colours; points: its surface as points; colmap: a"
+        " model with cameras, poses and points; transforms: pictures and transforms.json (glb)",
+    )
+    part.add_argument("--out", type=Path, help="file or folder (in the run folder, named by kind)")
+    part.add_argument("--cells", type=_cells, default=160, help="fineness of the mesh (160)")
+    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
+
+
+def run_train(arguments: argparse.Namespace) -> int:
+    """Train a field on a folder with transforms.json and judge it on held-out pictures."""
+    settings = load_settings(runs=arguments.runs)
+    check_runs(settings.runs)
+    if arguments.seconds is None and arguments.steps is None:
+        arguments.seconds = 60.0
+    parameters = {
+        "source": "dataset",
+        "dataset": str(arguments.dataset.resolve()),
+        # The worker makes this folder once the dataset has turned out to be readable.
+        "out": str(settings.runs.resolve() / run_id(f"train {arguments.dataset.name}")),
+        "train_seconds": arguments.seconds,
+        "steps": arguments.steps,
+        "downscale": arguments.downscale,
+        "object_only": arguments.object_only,
+        "test_every": arguments.test_every,
+        "backend": arguments.backend,
+    }
+    return asyncio.run(_work("reconstruct", parameters, arguments, seed=arguments.seed))
+
+
+def run_render(arguments: argparse.Namespace) -> int:
+    """Film the field of a run, or show it beside its pictures."""
+    width, height = arguments.size
+    parameters = {
+        "run": str(arguments.run.resolve()),
+        "film": None if arguments.out is None else str(arguments.out.resolve()),
+        "pictures": None if arguments.pictures is None else str(arguments.pictures.resolve()),
+        "seconds": arguments.seconds,
+        "fps": arguments.fps,
+        "width": width,
+        "height": height,
+    }
+    return asyncio.run(_work("render", parameters, arguments))
+
+
+def run_export(arguments: argparse.Namespace) -> int:
+    """Write a run in a format of other programs."""
+    parameters = {
+        "run": str(arguments.run.resolve()),
+        "format": arguments.format,
+        "out": None if arguments.out is None else str(arguments.out.resolve()),
+        "cells": arguments.cells,
+    }
+    return asyncio.run(_work("export", parameters, arguments))
+
+
+async def _work(
+    kind: Kind, parameters: dict[str, Any], arguments: argparse.Namespace, *, seed: int = 0
+) -> int:
+    """Have the worker do a job, show its progress, print its result; return the exit code."""
+    spec = JobSpec(kind, parameters, seed=seed, threads=os.cpu_count() or 1, niceness=0)
+    started_s = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="dronerf-job-") as folder:
+        job = await LocalRunner().submit(spec, Path(folder))
+        bar = TrainingBar()
+        done: dict[str, Any] = {}
+        try:
+            async for event in job.events():
+                bar.show(event)
+                done = event
+        except JobFailedError as error:
+            bar.close()
+            print(f"dronerf: {error}", file=sys.stderr)
+            return 2 if error.bad_input else 1
+        finally:
+            await job.cancel()
+        bar.close()
+    result = {key: value for key, value in done.items() if key not in ("event", "at_s")}
+    result["wall_s"] = round(time.monotonic() - started_s, 1)
+    if arguments.json:
+        print(json.dumps(result))
+    else:
+        print(metrics_table(result) if kind == "reconstruct" else result["file"])
+    return 0
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise argparse.ArgumentTypeError(f"{text!r} is not WIDTHxHEIGHT, as 640x480")
+    return int(width), int(height)
+
+
+def _cells(text: str) -> int:
+    if not text.isdecimal() or not 16 <= int(text) <= 512:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 16 to 512")
+    return int(text)
