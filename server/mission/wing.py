@@ -28,6 +28,8 @@ _STALE_S = 0.6
 # Wind is what a drone does beyond what it was told: averaged over this time, and at most so much.
 _WIND_TAU_S = 1.5
 _WIND_MAX_M_S = 0.45
+# Gusts end: how soon wind is no longer believed in that is not felt.
+_CALM_TAU_S = 4.0
 # How fast a Tello follows its sticks.
 _LAG_S = 0.35
 # A drone that reports nothing flies on as it last did, and is ever less sure to be there until it
@@ -38,9 +40,11 @@ _COAST_SIGMA_M_S = 0.1
 # What it was told is remembered for a little longer than it takes to notice that it is silent.
 _ORDERS_KEPT = 32
 # Told to move faster than this, a drone must feel that it moves.
-_FELT_M_S = 0.15
-# So many reports may be late with that.
+_FELT_M_S = 0.1
+# So many reports may be late with that, and so far beyond that speed it may come unfelt, metres:
+# the nearer to it, the longer it may be that it really stands.
 _UNFELT_REPORTS = 6
+_UNFELT_M = 0.06
 # For so long a drone flies on that has lost its power, and how well it is known where it fell.
 _FALL_S = 0.3
 _FELL_SIGMA_M = 0.4
@@ -111,7 +115,7 @@ class Wing:
         self._heard: Telemetry | None = None
         self._was_up = False
         self._moves = False
-        self._unfelt = 0
+        self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0
         self.place_at_start()
 
@@ -125,7 +129,7 @@ class Wing:
         self.wind, self._told = np.zeros(3), np.zeros(3)
         self._orders.clear()
         self._seen_s = None
-        self._unfelt = 0
+        self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0 if self._heard is None else self._heard.received_s
 
     def place_at_start(self) -> None:
@@ -188,7 +192,7 @@ class Wing:
             # It was switched off: somebody sets it down at its start place again.
             self.flown = False
         was_up, self._was_up = self._was_up, self.drone.airborne
-        self._feel(telemetry)
+        self._feel(telemetry, before)
         if before is not None and was_up:
             silent_s = telemetry.received_s - before.received_s
             if restarted or silent_s > _STALE_STATE_S:
@@ -201,23 +205,25 @@ class Wing:
             telemetry = replace(telemetry, velocity_m_s=turned(self._told, -yaw_rad))
         self.filter.observe_telemetry(telemetry, felt=felt)
 
-    def _feel(self, telemetry: Telemetry) -> None:
+    def _feel(self, telemetry: Telemetry, before: Telemetry | None) -> None:
         """Judge by a new report whether the drone feels itself move when it should."""
         self._moves = bool(np.any(telemetry.velocity_m_s[:2]))
         # What it is told beyond its wind is what it should fly.
-        fast = float(np.hypot(*(self._told + self.wind)[:2])) >= _FELT_M_S
-        if not self._moves and fast:
+        beyond_m_s = float(np.hypot(*(self._told + self.wind)[:2])) - _FELT_M_S
+        if not self._moves and beyond_m_s > 0.0:
+            late_s = 0.0 if before is None else telemetry.received_s - before.received_s
             self._unfelt += 1
+            self._unfelt_m += beyond_m_s * min(late_s, _STALE_STATE_S)
         elif self._moves or not self._blind:
             # One that has lost its hold has it again when it feels itself move, not when it stops.
-            self._unfelt = 0
+            self._unfelt, self._unfelt_m = 0, 0.0
         if self._unfelt == 0:
             self._felt_s = telemetry.received_s
 
     @property
     def _blind(self) -> bool:
         """True while it does not know its velocity: it has lost its hold on the floor."""
-        return self._unfelt >= _UNFELT_REPORTS
+        return self._unfelt >= _UNFELT_REPORTS and self._unfelt_m >= _UNFELT_M
 
     def _find_again(
         self, telemetry: Telemetry, last: LastHeard, silent_s: float, restarted: bool
@@ -289,10 +295,14 @@ class Wing:
 
     def against_wind(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
         """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
-        # What reports that it stands may stand in the wind, or have lost its hold.
-        knows = self.is_heard(now_s) and self._moves
-        share = min(1.0, dt_s / _WIND_TAU_S) if knows else 0.0
-        self.wind = self.wind + share * (self.filter.velocity() - self._told - self.wind)
+        if self.is_heard(now_s):
+            if self._moves:
+                beyond = self.filter.velocity() - self._told
+                self.wind = self.wind + min(1.0, dt_s / _WIND_TAU_S) * (beyond - self.wind)
+            else:
+                # It may stand in the wind, have lost its hold, or creep too slowly to report it:
+                # what holds it against a wind that is over.
+                self.wind = self.wind * max(0.0, 1.0 - dt_s / _CALM_TAU_S)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
         strength = float(np.linalg.norm(self.wind))
         if strength > _WIND_MAX_M_S:

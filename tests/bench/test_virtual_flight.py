@@ -124,6 +124,10 @@ def test_the_summary_counts_what_happened() -> None:
         Case("robot_dog", 175, 0.1, "reboot", "fly"),
         # One that the wind drives out of the fence while it lands, which nobody can steer.
         Case("human", 337, 0.0, "drift_away=0.4", "tune"),
+        # One that has lost its hold is told to go so slowly that it might really stand.
+        Case("human", 221, 0.0, "no_valid_imu", "centre"),
+        # What is always cut by the pictures' edges says too little of how far away it is.
+        Case("human", 73, 0.0, "loss=1.0", "centre"),
     ],
     ids=lambda case: case.name,
 )

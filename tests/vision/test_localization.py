@@ -155,6 +155,38 @@ def test_a_box_that_does_not_fit_is_refused_and_counted():
     np.testing.assert_array_equal(pose_filter.pose(6.0).T_world_cam, before.T_world_cam)
 
 
+def sees(pose_filter: PoseFilter, at_s: float, top_px: float, bottom_px: float) -> bool:
+    """Show it a box in the middle of the picture's width."""
+    centre_x = TELLO_INTRINSICS.cx
+    corners = np.array([centre_x - 60.0, top_px, centre_x + 60.0, bottom_px])
+    return pose_filter.observe_box(Box(corners, 0.9, False), at_s)
+
+
+def known_log_height(pose_filter: PoseFilter) -> tuple[float, float]:
+    """Return the mean and sigma of the object's log height (m) as this drone alone knows it."""
+    belief = pose_filter.target_belief()
+    return float(belief.vector[3]), float(np.sqrt(belief.covariance[3, 3]))
+
+
+def test_a_cut_box_no_higher_than_expected_says_nothing_of_the_size():
+    pose_filter, t = resting_filter()
+    pose_filter.observe_telemetry(later(t, 0.1))
+    before, _ = known_log_height(pose_filter)
+    assert sees(pose_filter, 0.1, 0.0, TELLO_INTRINSICS.height * 0.6)
+    after, _ = known_log_height(pose_filter)
+    assert after == pytest.approx(before, abs=0.02)
+
+
+def test_a_cut_box_higher_than_expected_raises_the_size_and_makes_it_no_surer():
+    pose_filter, t = resting_filter()
+    pose_filter.observe_telemetry(later(t, 0.1))
+    before, sigma_before = known_log_height(pose_filter)
+    assert sees(pose_filter, 0.1, 0.0, TELLO_INTRINSICS.height - 1.0)
+    after, sigma_after = known_log_height(pose_filter)
+    assert after > before + 0.05
+    assert sigma_after == pytest.approx(sigma_before, rel=0.02)
+
+
 def test_the_estimator_counts_the_prior_once():
     prior = prior_target(CONFIG)
     estimator = TargetEstimator(CONFIG)
