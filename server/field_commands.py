@@ -48,6 +48,11 @@ def add_field_commands(commands: Any, add: AddCommand) -> None:
         default="numba",
         help="fast kernels, or the slow definition they are checked against (numba)",
     )
+    part.add_argument(
+        "--field-only",
+        action="store_true",
+        help="only the field and its figures: no mesh.glb, no orbit.mp4",
+    )
     part.add_argument("--seed", type=seed, default=0, help="seed of everything random (0)")
     part.add_argument("--runs", type=Path, help="folder of the run folders (runs)")
     part.add_argument("--json", action="store_true", help="print the result as one JSON object")
@@ -56,8 +61,11 @@ def add_field_commands(commands: Any, add: AddCommand) -> None:
     part.add_argument("run", type=Path, help="the run folder")
     part.add_argument("--out", type=Path, help="the film (orbit.mp4 in the run folder)")
     part.add_argument("--seconds", type=seconds, default=4.0, help="its length (4)")
-    part.add_argument("--fps", type=count, default=24, help="pictures per second (24)")
-    part.add_argument("--size", type=_size, default=(480, 360), help="WIDTHxHEIGHT (480x360)")
+    part.add_argument("--fps", type=count, default=15, help="pictures per second (15)")
+    part.add_argument(
+        "--room", action="store_true", help="all that there is, not the object alone before white"
+    )
+    part.add_argument("--size", type=_size, default=(400, 300), help="WIDTHxHEIGHT (400x300)")
     part.add_argument(
         "--pictures",
         type=Path,
@@ -97,6 +105,7 @@ def run_train(arguments: argparse.Namespace) -> int:
         "object_only": arguments.object_only,
         "test_every": arguments.test_every,
         "backend": arguments.backend,
+        "results": not arguments.field_only,
     }
     return asyncio.run(_work("reconstruct", parameters, arguments, seed=arguments.seed))
 
@@ -108,6 +117,7 @@ def run_render(arguments: argparse.Namespace) -> int:
         "run": str(arguments.run.resolve()),
         "film": None if arguments.out is None else str(arguments.out.resolve()),
         "pictures": None if arguments.pictures is None else str(arguments.pictures.resolve()),
+        "room": arguments.room,
         "seconds": arguments.seconds,
         "fps": arguments.fps,
         "width": width,

@@ -212,8 +212,9 @@ def test_nothing_left_to_train_on(folder: Path) -> None:
 def test_training_prints_one_object(folder: Path) -> None:
     path = dataset(folder.parent / "data", pictures=9)
     answer = run(
-        folder, "train", str(path), "--steps", "3", "--test-every", "4", "--json", "--seed", "5"
-    )
+        folder, "train", str(path), "--steps", "3", "--test-every", "4", "--json", "--seed", "5",
+        "--field-only",
+    )  # fmt: skip
     assert answer.returncode == 0, answer.stderr
     result = json.loads(answer.stdout)
     keys = {"run", "dataset", "images", "images_held_out", "psnr_db", "ssim", "flip", "wall_s"}
@@ -221,6 +222,7 @@ def test_training_prints_one_object(folder: Path) -> None:
     assert (result["images"], result["images_held_out"]) == (9, 3)
     assert json.loads((Path(result["run"]) / "metrics.json").read_text())["images"] == 9
     assert (Path(result["run"]) / "checkpoint.npz").is_file()
+    assert not (Path(result["run"]) / "orbit.mp4").exists()
 
 
 # Console and fleet --------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 
 from server.jobs.reports import tell_share
+from server.jobs.results import MESH
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
 from server.nerf.dataset import Dataset
@@ -21,7 +22,7 @@ ExportFormat = Literal["glb", "ply", "points", "colmap", "transforms"]
 
 # What each is called in the run folder.
 NAMES: dict[str, str] = {
-    "glb": "mesh.glb",
+    "glb": MESH,
     "ply": "mesh.ply",
     "points": "points.ply",
     "colmap": "colmap",

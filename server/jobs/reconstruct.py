@@ -2,7 +2,7 @@
 
 Stages of a flight: ``live`` (train on what there is while pictures come in), ``refine`` (poses),
 ``train`` (the field that is judged, held-out pictures unseen), ``evaluate``, ``deliver`` (training
-goes on with all pictures). A dataset on disk needs the last three only.
+goes on with all pictures), ``results`` (mesh and film). A dataset on disk needs the last four only.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pydantic import BaseModel
 
 from server.geometry.boxes import union
 from server.jobs.reports import FieldReports, tell_share
+from server.jobs.results import write_results
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
@@ -55,6 +56,7 @@ class ReconstructInput(BaseModel):
         test_every: Pictures 0, n, 2n, ... are held out.
         backend: ``numba`` or ``torch``.
         mode: The capture's mode, None for a dataset.
+        results: Also make mesh and film.
     """
 
     source: Literal["flight", "dataset"]
@@ -67,6 +69,7 @@ class ReconstructInput(BaseModel):
     test_every: int = 8
     backend: Literal["numba", "torch"] = "numba"
     mode: str | None = None
+    results: bool = True
 
 
 class _Stages:
@@ -158,8 +161,18 @@ def _judge_and_deliver(
         "seconds": stages.seconds,
         "pictures": [asdict(score) for score in evaluation.pictures],
     }
-    (out / "metrics.json").write_text(json.dumps(result, indent=1))
+    _write_whole(out / "metrics.json", result)
+    if wanted.results:
+        with stages.stage("results"):
+            result["missing"] = write_results(trainer, out, reporter)
+        _write_whole(out / "metrics.json", result)
     return result
+
+
+def _write_whole(file: Path, about: dict[str, Any]) -> None:
+    draft = file.with_name(file.name + ".part")
+    draft.write_text(json.dumps(about, indent=1))
+    draft.replace(file)
 
 
 def _trainer(

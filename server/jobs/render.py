@@ -10,12 +10,17 @@ import numpy as np
 from pydantic import BaseModel
 
 from server.jobs.reports import tell_share
+from server.jobs.results import FILM, bounds
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
 from server.nerf.dataset import Dataset
 from server.nerf.orbit import render_orbit
 from server.nerf.saved_run import open_dataset, open_field
+from server.nerf.surface import extract_surface
 from server.nerf.training import Trainer
+
+# Coarse is enough to know how large the object is.
+_BOUNDS_CELLS = 64
 
 
 class RenderInput(BaseModel):
@@ -25,6 +30,7 @@ class RenderInput(BaseModel):
         run: The run folder.
         film: The MP4 file to make, None for pictures instead.
         pictures: Folder for the photographs beside renderings, None for a film.
+        room: Film all that there is, not the object alone.
         seconds: Length of the film.
         fps: Its pictures per second.
         width: Of its pictures, pixels.
@@ -34,10 +40,11 @@ class RenderInput(BaseModel):
     run: Path
     film: Path | None = None
     pictures: Path | None = None
+    room: bool = False
     seconds: float = 4.0
-    fps: int = 24
-    width: int = 480
-    height: int = 360
+    fps: int = 15
+    width: int = 400
+    height: int = 300
 
 
 def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
@@ -47,10 +54,15 @@ def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
     field = open_field(wanted.run, dataset, spec.threads)
     if wanted.pictures is not None:
         return {"file": str(wanted.pictures), **_compare(dataset, field, wanted.pictures, reporter)}
-    film = wanted.film or wanted.run / "orbit.mp4"
+    film = wanted.film or wanted.run / FILM
+    around = None
+    if not wanted.room:
+        tell = tell_share(reporter, "mesh", len(dataset))
+        around = bounds(extract_surface(field, _BOUNDS_CELLS, tell))
     whole = render_orbit(
         field,
         film,
+        around=around,
         frames=round(wanted.seconds * wanted.fps),
         fps=wanted.fps,
         width=wanted.width,

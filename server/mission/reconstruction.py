@@ -29,8 +29,8 @@ from server.stages import Metrics
 from server.store.atomic import write_atomic
 from server.store.runs import RunFolder
 
-# What refinement, evaluation and delivery take on two cores beside the training itself.
-_BESIDE_TRAINING_S = 75.0
+# What refinement, evaluation, delivery, mesh and film take on two cores beside the training itself.
+_BESIDE_TRAINING_S = 105.0
 _LIVE_NICENESS = 10
 
 

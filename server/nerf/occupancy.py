@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from server.nerf.config import TrainConfig
 from server.nerf.dataset import Dataset
@@ -25,6 +26,8 @@ _BLOCK = 1 << 17
 _DECAY = 0.5
 # A refresh looks at one in this many of the seen cells.
 _REFRESH_SHARE = 12
+# A cell that takes less than this share of the light on its way through does not show.
+_SHOWS = 0.03
 # Cells nearer to a camera than this share of the usual distance need a second camera.
 _NEAR_SHARE = 0.5
 
@@ -80,6 +83,11 @@ class DensityMemory:
         """Return one random point ``u`` ``(n, 3)`` in each of ``cells``."""
         corner = np.stack(np.unravel_index(cells, (self._cells,) * 3), axis=1)
         return ((corner + rng.random(corner.shape)) / self._cells).astype(np.float32)
+
+    def occupied(self) -> NDArray[np.bool_]:
+        """Return ``(cells, cells, cells)``: what holds anything that shows, and its neighbours."""
+        shows = 1.0 - np.exp(-self.densities * np.float32(4.0 / self._cells)) > _SHOWS
+        return np.asarray(binary_dilation(shows, np.ones((3, 3, 3), bool)), bool)
 
     def restore(self, densities: NDArray[np.float32]) -> None:
         """Take over the densities of a checkpoint."""

@@ -7,13 +7,28 @@ from pathlib import Path
 
 import av
 import numpy as np
+from numpy.typing import NDArray
 
+from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
+from server.nerf.object_part import ObjectPart
 from server.nerf.preview import orbit_pose
+from server.nerf.rendering import Rendering
 from server.nerf.training import Trainer
 
-# Rendered a little finer than a preview: films are looked at twice.
-_SAMPLES_PER_RAY = 24
+# Pictures of the whole circle: four seconds.
+FRAMES = 60
+# Films are looked at twice: rendered a little finer than a preview.
+_ROOM_SAMPLES_PER_RAY = 24
+# The object alone lies in a short stretch of each ray.
+_OBJECT_SAMPLES_PER_RAY = 8
+# The cells that keep floor and room out of the film of an object.
+_PART_CELLS = 96
+# The object fills so much of the picture.
+_FILL = 0.9
+# What lets more light through than this is haze that no picture needed; nothing of it is shown.
+_HAZE, _SOLID = 0.2, 0.7
+_WHITE = (1.0, 1.0, 1.0)
 _QUALITY = "20"
 
 
@@ -21,10 +36,11 @@ def render_orbit(
     trainer: Trainer,
     file: Path,
     *,
-    frames: int = 96,
-    fps: int = 24,
-    width: int = 480,
-    height: int = 360,
+    around: Box3 | None = None,
+    frames: int = FRAMES,
+    fps: int = 15,
+    width: int = 400,
+    height: int = 300,
     on_progress: Callable[[float], None] | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -33,6 +49,8 @@ def render_orbit(
     Args:
         trainer: The field.
         file: The MP4 file to make.
+        around: Box of the object, which alone is shown then, before white and as large as the
+            picture allows; None for all that there is, through a lens as the pictures'.
         frames: Pictures of the whole circle.
         fps: Pictures per second of the film.
         width: Of a picture, pixels; even.
@@ -51,9 +69,8 @@ def render_orbit(
         raise ValueError("a film needs at least 2 pictures and 1 per second")
     if width % 2 or height % 2 or min(width, height) < 16:
         raise ValueError(f"pictures of {width}x{height} cannot be filmed: even sizes from 16 on")
-    model = trainer.dataset.intrinsics[0]
-    focal = min(model.fx * width / model.width, model.fy * height / model.height)
-    camera = Intrinsics(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
+    part = None if around is None else trainer.object_part(_PART_CELLS, occupied=True)
+    centre = trainer.space.centre if around is None else around.centre
     draft = file.with_name(file.name + ".part")
     try:
         with av.open(str(draft), "w", format="mp4") as film:
@@ -63,10 +80,12 @@ def render_orbit(
             for number in range(frames):
                 if should_stop():
                     return False
-                pose = orbit_pose(
-                    trainer.dataset.T_world_cam, trainer.space.centre, number / frames
+                pose = orbit_pose(trainer.dataset.T_world_cam, centre, number / frames)
+                focal = _focal(trainer, pose, around, width, height)
+                camera = Intrinsics(
+                    width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0
                 )
-                rgb = trainer.render(camera, pose, samples_per_ray=_SAMPLES_PER_RAY).rgb
+                rgb = _picture(trainer, camera, pose, part)
                 picture = np.round(np.clip(rgb, 0.0, 1.0) * 255.0).astype(np.uint8)
                 film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
                 if on_progress is not None:
@@ -76,3 +95,36 @@ def render_orbit(
     finally:
         draft.unlink(missing_ok=True)
     return True
+
+
+def _focal(
+    trainer: Trainer, pose: NDArray[np.float64], around: Box3 | None, width: int, height: int
+) -> float:
+    """Return the focal length in pixels of the film's camera at ``pose`` ``(4, 4)``."""
+    if around is None:
+        model = trainer.dataset.intrinsics[0]
+        return min(model.fx * width / model.width, model.fy * height / model.height)
+    distance_m = float(np.linalg.norm(pose[:3, 3] - around.centre))
+    radius_m = float(np.linalg.norm(around.size)) / 2.0
+    half_angle = np.arcsin(min(radius_m / max(distance_m, 1e-6), 0.95))
+    return float(_FILL * min(width, height) / 2.0 / np.tan(half_angle))
+
+
+def _picture(
+    trainer: Trainer, camera: Intrinsics, pose: NDArray[np.float64], part: ObjectPart | None
+) -> NDArray[np.float32]:
+    """Return one picture ``(height, width, 3)``, RGB in [0, 1]."""
+    if part is None:
+        return trainer.render(camera, pose, samples_per_ray=_ROOM_SAMPLES_PER_RAY).rgb
+    shown = trainer.render(
+        camera, pose, samples_per_ray=_OBJECT_SAMPLES_PER_RAY, only=part, background=_WHITE
+    )
+    return _without_haze(shown)
+
+
+def _without_haze(shown: Rendering) -> NDArray[np.float32]:
+    """Return ``shown`` before white ``(h, w, 3)`` with its opacity steepened."""
+    opacity = shown.opacity[:, :, None]
+    colour = 1.0 - (1.0 - shown.rgb) / np.maximum(opacity, 1e-3)
+    steep = np.clip((opacity - _HAZE) / (_SOLID - _HAZE), 0.0, 1.0)
+    return (np.clip(colour, 0.0, 1.0) * steep + 1.0 - steep).astype(np.float32)

@@ -74,6 +74,7 @@ def sample_rays(
     bin_length: float,
     even: float,
     chunks: int,
+    only: NDArray[np.bool_] | None = None,
 ) -> Samples:
     """Return as many samples per ray as ``jitters`` ``(rays, slots)`` has columns.
 
@@ -86,13 +87,15 @@ def sample_rays(
         bin_length: Path units per bin of the proposal.
         even: Share of samples spread evenly.
         chunks: Parallel parts.
+        only: Cells of the object's cube to look into, as ``memory.seen``; None for all seen.
     """
     rays, slots = jitters.shape
     ts, ss, dss = (np.empty((rays, slots), np.float32) for _ in range(3))
     points = np.empty((rays * slots, 3), np.float32)
+    seen, far = (memory.seen, memory.far) if only is None else (memory.seen & only, 1.0)
     sample_paths(
-        origins, directions, np.float32(near), np.float32(memory.far), np.float32(bin_length),
-        memory.densities, memory.seen, np.float32(even), jitters, ts, ss, dss, points, chunks,
+        origins, directions, np.float32(near), np.float32(far), np.float32(bin_length),
+        memory.densities, seen, np.float32(even), jitters, ts, ss, dss, points, chunks,
     )  # fmt: skip
     return Samples(
         np.arange(0, rays * slots + 1, slots, dtype=np.int64),

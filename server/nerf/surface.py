@@ -4,44 +4,34 @@ The field is looked at from its pictures' cameras, and what they see is fused: e
 keeps the mean signed distance to the surface along the sight lines (Curless, Levoy, "A volumetric
 method for building complex models from range images", 1996), out of which marching cubes
 (Lorensen, Cline 1987) make triangles. Depths of several views agree where the field's own density
-is too soft for a threshold. Cells that the masks show beside the object are empty, so that floor
+is too soft for a threshold. Cells outside the object's part of the field are empty, so that floor
 and table do not come along.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from skimage.measure import marching_cubes
 
-from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.nerf.dataset import Dataset
+from server.nerf.object_part import ObjectPart
 from server.nerf.rendering import Rendering
-from server.nerf.space import SceneSpace, expand
 from server.nerf.training import Trainer
 
 Array = NDArray[np.float64]
 
 # Cells along the longest side of the object's box.
 CELLS = 160
-# Air around the box, as a share of its size.
-_AIR = 0.05
 # Signed distances are cut off at so many cells; what lies further behind a surface is not seen.
 _REACH_CELLS = 3.0
 # Where less of the light meets something there is nothing.
 _SOLID = 0.35
-# A mask that follows the object loosely must not cut into it: so much of the picture it is grown
-# by, and more than this share of the masks that see a place must say that it is beside the object.
-_MASK_SLACK = 0.02
-_AGREEING_SHARE = 0.4
 # Pieces with fewer triangles than this share of the largest one's are specks in the air.
 _SPECK_SHARE = 0.02
 
@@ -89,24 +79,6 @@ class _View:
         return inside, places, away
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Place:
-    """The cells in which the object may be."""
-
-    cells: NDArray[np.bool_]
-    corner: Array
-    cell_m: float
-    space: SceneSpace
-
-    def holds(self, u: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """Return which of the folded points ``u`` ``(n, 3)`` lie in these cells."""
-        points = self.space.to_world(expand(u.astype(np.float64)))
-        index = np.round((points - self.corner) / self.cell_m).astype(np.int64)
-        inside = np.all((index >= 0) & (index < self.cells.shape), axis=1)
-        x, y, z = np.where(inside[:, None], index, 0).T
-        return inside & self.cells[x, y, z]
-
-
 def extract_surface(
     trainer: Trainer, cells: int = CELLS, on_progress: Callable[[float], None] | None = None
 ) -> Surface:
@@ -120,78 +92,31 @@ def extract_surface(
     Raises:
         NoSurfaceError: If there is none.
     """
-    box = _box(trainer)
-    cell_m = float(box.size.max()) / cells
-    axes = [
-        low + cell_m * np.arange(-1, math.ceil(size / cell_m) + 2)
-        for low, size in zip(box.lower, box.size, strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    points = grid.reshape(-1, 3)
-    inside = np.flatnonzero(((points >= box.lower) & (points <= box.upper)).all(axis=1))
-    inside = inside[on_object(trainer.dataset, points[inside])]
-    full = np.zeros(len(points), bool)
-    full[inside] = True
-    place = _Place(full.reshape(grid.shape[:3]), grid[0, 0, 0], cell_m, trainer.space)
+    part = trainer.object_part(cells)
     views: list[_View] = []
     for index in range(len(trainer.dataset)):
-        view = _look(trainer, index, box, cell_m, place)
+        view = _look(trainer, index, part)
         views += [] if view is None else [view]
         if on_progress is not None:
             on_progress((index + 1) / len(trainer.dataset))
-    distances = np.ones(len(points), np.float32)
-    distances[inside] = _fused(points[inside], views, _REACH_CELLS * cell_m)
+    distances = np.ones(part.cells.shape, np.float32)
+    distances[part.cells] = _fused(part.points(), views, _REACH_CELLS * part.cell_m)
     if distances.min() >= 0.0:
         raise NoSurfaceError("the field shows no surface where the object should be")
-    corners, faces, _, _ = marching_cubes(distances.reshape(grid.shape[:3]), 0.0)
-    vertices, faces = _without_specks(grid[0, 0, 0] + cell_m * corners, faces)
+    corners, faces, _, _ = marching_cubes(distances, 0.0)
+    vertices, faces = _without_specks(part.corner + part.cell_m * corners, faces)
     normals = _normals(vertices, faces)
-    colours = _colours(vertices, normals, views, _REACH_CELLS * cell_m)
+    colours = _colours(vertices, normals, views, _REACH_CELLS * part.cell_m)
     return Surface(vertices, faces, normals, colours)
 
 
-def on_object(dataset: Dataset, points_world: Array) -> NDArray[np.bool_]:
-    """Return for each of ``points_world`` ``(n, 3)`` whether the masks let it be on the object.
-
-    Without any mask every point may be.
-    """
-    seen = np.zeros(len(points_world), np.int16)
-    beside = np.zeros(len(points_world), np.int16)
-    for index in range(len(dataset)):
-        alpha, mask = dataset.alphas[index], dataset.masks[index]
-        shown = mask if alpha is None else alpha > 0
-        if shown is None:
-            continue
-        reach_px = max(1, round(_MASK_SLACK * max(shown.shape)))
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach_px + 1,) * 2)
-        grown = cv2.dilate(shown.astype(np.uint8), disc) > 0
-        pixels, depths = dataset.intrinsics[index].project(points_world, dataset.T_world_cam[index])
-        u, v = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
-        visible = (depths > 0) & (u >= 0) & (u < shown.shape[1]) & (v >= 0) & (v < shown.shape[0])
-        seen += visible
-        beside[visible] += ~grown[v[visible], u[visible]]
-    if not any(each is not None for each in (*dataset.alphas, *dataset.masks)):
-        return np.ones(len(points_world), bool)
-    return (seen > 0) & (beside <= _AGREEING_SHARE * seen)
-
-
-def _box(trainer: Trainer) -> Box3:
-    """Return the object's box with some air, or the field's own cube where no box is known."""
-    space, box = trainer.space, trainer.dataset.object_box
-    cube = Box3(space.centre - space.half_size, space.centre + space.half_size)
-    if box is None:
-        return cube
-    air = _AIR * box.size
-    return Box3(np.maximum(box.lower - air, cube.lower), np.minimum(box.upper + air, cube.upper))
-
-
-def _look(trainer: Trainer, index: int, box: Box3, cell_m: float, place: _Place) -> _View | None:
+def _look(trainer: Trainer, index: int, part: ObjectPart) -> _View | None:
     """Render the object as picture ``index`` has it, about a pixel per cell; None if outside."""
     T = trainer.dataset.T_world_cam[index]
     whole = trainer.dataset.intrinsics[index]
-    distance_m = max(float(np.linalg.norm(box.centre - T[:3, 3])), 1e-6)
-    whole = whole.scaled(min(1.0, distance_m / cell_m / whole.fx))
-    pixels, depths = whole.project(box.corners, T)
+    distance_m = max(float(np.linalg.norm(part.box.centre - T[:3, 3])), 1e-6)
+    whole = whole.scaled(min(1.0, distance_m / part.cell_m / whole.fx))
+    pixels, depths = whole.project(part.box.corners, T)
     if (depths <= 0.0).any():
         return None
     left, top = np.maximum(np.floor(pixels.min(axis=0)), 0).astype(int)
@@ -208,7 +133,7 @@ def _look(trainer: Trainer, index: int, box: Box3, cell_m: float, place: _Place)
         whole.cy - top,
         whole.distortion,
     )
-    return _View(camera, T, trainer.render(camera, T, only=place.holds))
+    return _View(camera, T, trainer.render(camera, T, only=part))
 
 
 def _fused(points: Array, views: list[_View], reach_m: float) -> NDArray[np.float32]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,6 +23,7 @@ from server.nerf.hull import tight_space
 from server.nerf.kernels.cpu_rays import composite
 from server.nerf.metrics import PictureScore, mean_metrics, score_picture
 from server.nerf.numba_backend import NumbaBackend
+from server.nerf.object_part import ObjectPart, object_part
 from server.nerf.occupancy import DensityMemory
 from server.nerf.optimiser import Adam
 from server.nerf.rays import PixelSource, camera_rays
@@ -292,13 +293,25 @@ class Trainer:
             if on_progress is not None:
                 on_progress(report)
 
+    def object_part(self, cells: int, *, occupied: bool = False) -> ObjectPart:
+        """Return where the object may be.
+
+        Args:
+            cells: Cells along its longest side.
+            occupied: Only where the field was found to hold anything: quicker to render, and what
+                is very thin may be missing.
+        """
+        part = object_part(self.dataset, self.space, cells, len(self._memory.seen))
+        return replace(part, coarse=part.coarse & self._memory.occupied()) if occupied else part
+
     def render(
         self,
         intrinsics: Intrinsics,
         T_world_cam: Array,
         *,
         samples_per_ray: int | None = None,
-        only: Callable[[FloatArray], NDArray[np.bool_]] | None = None,
+        only: ObjectPart | None = None,
+        background: tuple[float, float, float] | None = None,
     ) -> Rendering:
         """Render the field from a camera; its distortion is applied as in the pictures.
 
@@ -306,11 +319,13 @@ class Trainer:
             intrinsics: The camera.
             T_world_cam: Its pose ``(4, 4)``.
             samples_per_ray: Fewer are quicker and coarser; None for those of the config.
-            only: Told points ``u`` ``(n, 3)``, says which of them are shown; None for all.
+            only: Which part of the field is shown; None for all.
+            background: RGB in [0, 1] behind everything; None for the training's.
         """
         slots = samples_per_ray or self._train.render_samples_per_ray
         origins, directions = camera_rays(intrinsics, T_world_cam, self.space)
         rays = len(origins)
+        behind = self._background if background is None else np.array(background, np.float32)
         rgb = np.empty((rays, 3), np.float32)
         depth, opacity = np.empty(rays, np.float32), np.empty(rays, np.float32)
         for start in range(0, rays, _RENDER_RAYS):
@@ -320,7 +335,7 @@ class Trainer:
             sigmas, colours = self._shade(samples, harmonics)
             composite(
                 samples.starts, sigmas, colours, samples.ts, samples.dss,
-                self._background, rgb[part], depth[part], opacity[part],
+                behind, rgb[part], depth[part], opacity[part],
             )  # fmt: skip
         shape = (intrinsics.height, intrinsics.width)
         depth_m = (depth * self.space.half_size).astype(np.float32)
@@ -472,7 +487,7 @@ class Trainer:
         origins: FloatArray,
         directions: FloatArray,
         slots: int,
-        only: Callable[[FloatArray], NDArray[np.bool_]] | None,
+        only: ObjectPart | None,
     ) -> Samples:
         """Return those of ``slots`` samples per ray that show on some rays of a rendering."""
         samples = sample_rays(
@@ -484,11 +499,12 @@ class Trainer:
             bin_length=self._train.bin_length,
             even=self._train.even_share_end,
             chunks=self._chunks,
+            only=None if only is None else only.coarse,
         )
         # Rays that meet nothing seen have samples of no length; beside an object alone most do.
         real = np.flatnonzero(samples.dss > 0.0)
         if only is not None:
-            real = real[only(samples.points[real])]
+            real = real[only.holds(samples.points[real])]
         sigmas = np.zeros(len(samples.dss), np.float32)
         if len(real):
             sigmas[real] = self._densities(samples.points[real])

@@ -16,15 +16,17 @@ import trimesh
 from server.geometry.boxes import Box3
 from server.geometry.poses import inverse
 from server.jobs import export, render
+from server.jobs.results import write_results
 from server.jobs.spec import JobSpec
 from server.jobs.worker import Reporter
-from server.nerf.config import FieldConfig, suited_configs
+from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import load_dataset
 from server.nerf.exports import write_colmap, write_mesh, write_points
 from server.nerf.hull import box_of_masks
+from server.nerf.object_part import on_object
 from server.nerf.orbit import render_orbit
 from server.nerf.saved_run import SavedRunError, open_dataset, open_field
-from server.nerf.surface import NoSurfaceError, Surface, extract_surface, on_object
+from server.nerf.surface import NoSurfaceError, Surface, extract_surface
 from server.nerf.training import Trainer
 from tests.nerf.tiny_scene import (
     BALL_CENTRE,
@@ -51,14 +53,17 @@ class Silent(Reporter):
         return self.stop
 
 
+def small_configs() -> tuple[FieldConfig, TrainConfig]:
+    small = FieldConfig(levels=6, log2_table_size=13, features=2, coarsest=8, finest=128)
+    return small, replace(suited_configs(cut_out=True)[1], rays_per_step=512, memory_cells=32)
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder with the field of a ball, cut out of its pictures."""
     folder = write_cut_out_scene(tmp_path_factory.mktemp("results") / "run")
     dataset = load_dataset(folder)
-    small = FieldConfig(levels=6, log2_table_size=13, features=2, coarsest=8, finest=128)
-    train = replace(suited_configs(cut_out=True)[1], rays_per_step=512, memory_cells=32)
-    trainer = Trainer(dataset, small, train, held_out=[], seed=1, threads=1)
+    trainer = Trainer(dataset, *small_configs(), held_out=[], seed=1, threads=1)
     trainer.run(steps=250)
     trainer.save(folder / "checkpoint.npz")
     (folder / "metrics.json").write_text(json.dumps({"dataset": str(folder)}))
@@ -182,6 +187,69 @@ def test_a_film_goes_once_round(field: Trainer, tmp_path: Path) -> None:
     assert all(np.ptp(picture) > 50 for picture in pictures), "each shows the ball"
 
 
+def test_a_film_of_the_object_alone_is_white_around_it(field: Trainer, tmp_path: Path) -> None:
+    file = tmp_path / "orbit.mp4"
+    ball = Box3(BALL_CENTRE - BALL_RADIUS, BALL_CENTRE + BALL_RADIUS)
+    assert render_orbit(field, file, around=ball, frames=4, fps=4, width=128, height=96)
+    with av.open(str(file)) as film:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    for picture in pictures:
+        assert (picture[:, :4] > 240).all()
+        assert picture[40:56, 56:72].min() < 200, "the ball is in the middle"
+        dark = np.flatnonzero(np.any(picture < 200, axis=(1, 2)))
+        assert dark[-1] - dark[0] > 40, "and large"
+
+
+def test_what_is_rendered_of_a_part_lies_in_it(field: Trainer) -> None:
+    part = field.object_part(CELLS)
+    camera, pose = field.dataset.intrinsics[0], field.dataset.T_world_cam[0]
+    shown = field.render(camera, pose, only=part, background=(0.0, 1.0, 0.0))
+    distance_m = np.linalg.norm(pose[:3, 3] - BALL_CENTRE)
+    solid = shown.opacity > 0.9
+    assert solid.any()
+    assert np.abs(shown.depth_m[solid] - distance_m).max() < np.linalg.norm(part.box.size)
+    empty = shown.opacity < 0.01
+    np.testing.assert_allclose(
+        shown.rgb[empty], np.tile([0.0, 1.0, 0.0], (empty.sum(), 1)), atol=0.02
+    )
+    everywhere = replace(part, cells=np.zeros_like(part.cells))
+    assert field.render(camera, pose, only=everywhere).opacity.max() == 0.0
+
+
+def test_what_the_memory_calls_occupied_is_where_the_object_is(field: Trainer) -> None:
+    whole, occupied = field.object_part(CELLS), field.object_part(CELLS, occupied=True)
+    assert occupied.coarse.sum() < whole.coarse.sum()
+    camera, pose = field.dataset.intrinsics[0], field.dataset.T_world_cam[0]
+    all_of_it = field.render(camera, pose, only=whole).rgb
+    np.testing.assert_allclose(
+        field.render(camera, pose, only=occupied).rgb.mean(), all_of_it.mean(), atol=0.01
+    )
+
+
+def test_every_finished_field_leaves_mesh_and_film(field: Trainer, tmp_path: Path) -> None:
+    reporter = Silent()
+    assert write_results(field, tmp_path, reporter, cells=CELLS, frames=4) is None
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["mesh.glb", "orbit.mp4"]
+    assert {event["stage"] for event in reporter.events} == {"mesh", "film"}
+
+
+def test_a_field_without_surface_is_filmed_and_says_that_it_has_no_mesh(
+    run: Path, tmp_path: Path
+) -> None:
+    fresh = Trainer(open_dataset(run), *small_configs(), held_out=[], threads=1)
+    missing = write_results(fresh, tmp_path, Silent(), cells=CELLS, frames=4)
+    assert missing is not None
+    assert "no mesh" in missing
+    assert [file.name for file in tmp_path.iterdir()] == ["orbit.mp4"]
+
+
+def test_a_stopped_job_makes_no_results(field: Trainer, tmp_path: Path) -> None:
+    reporter = Silent()
+    reporter.stop = True
+    assert "stopped" in str(write_results(field, tmp_path, reporter))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_film_that_is_stopped_leaves_nothing(field: Trainer, tmp_path: Path) -> None:
     asked = iter([False, False, True])
     film = tmp_path / "orbit.mp4"
@@ -210,7 +278,9 @@ def test_the_jobs_make_what_they_say(run: Path, tmp_path: Path) -> None:
     assert {event["stage"] for event in reporter.events} == {"surface", "pictures"}
     reporter.stop = True
     with pytest.raises(ValueError, match="stopped"):
-        render.run(JobSpec("render", {"run": str(run), "width": 64, "height": 48}), reporter)
+        render.run(
+            JobSpec("render", {"run": str(run), "room": True, "width": 64, "height": 48}), reporter
+        )
 
 
 def test_what_is_no_run_is_refused_in_one_line(run: Path, tmp_path: Path) -> None:

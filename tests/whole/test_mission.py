@@ -50,7 +50,9 @@ def test_the_run_folder_opens_as_a_dataset_and_says_it_is_complete(result):
     state = json.loads((_run(result) / "capture.json").read_text())
     assert state["complete"] is True
     assert state["status"]["state"] == "succeeded"
-    assert (_run(result) / "checkpoint.npz").exists()
+    for file in ("checkpoint.npz", "mesh.glb", "orbit.mp4"):
+        assert (_run(result) / file).stat().st_size > 10_000
+    assert result["missing"] is None
 
 
 def _run(result) -> Path:

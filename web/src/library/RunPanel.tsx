@@ -11,6 +11,7 @@ import { isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
 import { filesByFolder, flightSeconds } from "./run";
+import { RunFilm } from "./RunFilm";
 import { RunPicture } from "./RunPicture";
 
 /** One capture: its rendering, its figures, its files, and what can be done with it. */
@@ -22,7 +23,11 @@ export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; r
   return (
     <Panel title={name} className="run" aside={<CaptureChip state={entry.state} />}>
       <div className="run-body" data-testid="run" data-run={entry.id}>
-        <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt={text.rendering(name)} />
+        {files?.some((file) => file.path === "orbit.mp4") === true ? (
+          <RunFilm key={entry.id} captureId={entry.id} alt={text.film(name)} />
+        ) : (
+          <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt={text.rendering(name)} />
+        )}
         <RunFacts entry={entry} />
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} run={entry.run} />}
