@@ -21,8 +21,6 @@ from ipaddress import IPv4Network
 from pathlib import Path
 from typing import Any
 
-import httpx
-
 from server.app import (
     SimulatedFleet,
     SimulatorRefusedError,
@@ -36,6 +34,7 @@ from server.app import (
     simulated_fleet,
     stop_signal,
 )
+from server.console_commands import add_console_commands
 from server.doctor.calibrate import CalibrateOptions, run_calibrate
 from server.doctor.command import run_doctor
 from server.doctor.config import LiveConfig
@@ -48,6 +47,7 @@ from server.mission.commands import CaptureRequest
 from server.settings import SettingsError, load_settings
 from server.sim.words import LEVELS
 from server.terminal import (
+    SCENES,
     CaptureFollower,
     OneLineParser,
     count,
@@ -57,8 +57,6 @@ from server.terminal import (
     seconds,
     seed,
 )
-
-SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
 
 
 def main() -> int:
@@ -192,54 +190,6 @@ def sim(arguments: argparse.Namespace) -> int:
     os.execv(sys.executable, command)
 
 
-def capture(arguments: argparse.Namespace) -> int:
-    """Start a capture on a running console and follow it to its end."""
-    token = os.environ.get("DRONERF_TOKEN", "")
-    if not token or not all("!" <= character <= "~" for character in token):
-        raise SettingsError("DRONERF_TOKEN must hold the token of the running console")
-    body = {"mode": arguments.mode, "pictures": arguments.pictures, "name": arguments.name}
-    body |= {"train_seconds": arguments.train_seconds, "drones": arguments.drones}
-    body = {key: value for key, value in body.items() if value is not None}
-    headers = {"Authorization": f"Bearer {token}"}
-    started_s = time.monotonic()
-    try:
-        with httpx.Client(base_url=arguments.url, headers=headers, timeout=30.0) as client:
-            answer = client.post("/api/v1/captures", json=body)
-            while True:
-                if answer.is_error:
-                    print(f"dronerf: {_problem(answer)}", file=sys.stderr)
-                    return 2 if answer.status_code in (401, 404, 422) else 1
-                record = answer.json()
-                print(f"\r{record['phase']:<12}{record['progress']:6.0%}", end="", file=sys.stderr)
-                if record["state"] not in ("queued", "running", "paused"):
-                    break
-                time.sleep(1.0)
-                answer = client.get(f"/api/v1/captures/{record['id']}")
-            print(file=sys.stderr)
-    except (httpx.TransportError, httpx.InvalidURL, json.JSONDecodeError) as error:
-        raise StartError(f"no console answers at {arguments.url}: {error}") from error
-    if record["state"] != "succeeded":
-        print(f"dronerf: capture {record['state']}: {record['error']}", file=sys.stderr)
-        return 1
-    result = record["metrics"] | {"wall_s": round(time.monotonic() - started_s, 1)}
-    print(json.dumps(result) if arguments.json else metrics_table(result))
-    return 0
-
-
-def _problem(answer: httpx.Response) -> str:
-    """Return in one line what a console, or whatever else answers there, says is wrong."""
-    try:
-        problem = answer.json()
-    except json.JSONDecodeError:
-        problem = None
-    if not isinstance(problem, dict):
-        return f"{answer.url} is no console, it answers {answer.status_code}"
-    faults = [
-        f"{e['field'].removeprefix('body.')}: {e['detail']}" for e in problem.get("errors", [])
-    ]
-    return "; ".join(faults) or problem.get("detail") or str(answer.status_code)
-
-
 def doctor(arguments: argparse.Namespace) -> int:
     """Say what is wrong with this set-up and what to do about it."""
     return asyncio.run(_doctor(arguments))
@@ -346,17 +296,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     _faults(part)
 
-    part = _command(commands, "capture", capture, "start a capture on a running console")
-    part.add_argument(
-        "--url", default="http://127.0.0.1:8000", help="the console (http://127.0.0.1:8000)"
-    )
-    part.add_argument("--mode", choices=("optimized", "standard"), help="(optimized)")
-    part.add_argument("--drones", type=fleet_size, help="how many drones to use (all)")
-    part.add_argument("--pictures", type=count, help="pictures in all (24)")
-    part.add_argument("--train-seconds", type=seconds, help="training of the judged field (60)")
-    part.add_argument("--name", help="what to call it; also part of the run folder's name")
-    part.add_argument("--json", action="store_true", help="print the result as one JSON object")
-
+    add_console_commands(commands, _command)
     add_field_commands(commands, _command)
 
     part = _command(commands, "doctor", doctor, "what is wrong with this set-up, and what to do")

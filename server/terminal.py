@@ -23,6 +23,7 @@ from server.mission.events import (
     TrainingProgressed,
 )
 
+SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
 _BAR = 24
 
 

@@ -24,6 +24,7 @@ COMMANDS = (
     "serve",
     "sim",
     "capture",
+    "plan",
     "train",
     "render",
     "export",
@@ -324,7 +325,7 @@ def test_good_settings_are_taken(folder: Path) -> None:
     assert "none.toml" in line, "the settings are fine, only the fleet is missing"
 
 
-# Capture ------------------------------------------------------------------------------------------
+# Capture and plan ---------------------------------------------------------------------------------
 
 
 def test_capture_needs_a_token_and_a_console(folder: Path) -> None:
@@ -336,3 +337,27 @@ def test_capture_needs_a_token_and_a_console(folder: Path) -> None:
     assert "nonsense" in refused(
         folder, "capture", "--url", "nonsense", DRONERF_TOKEN="long-enough"
     )
+
+
+def test_a_plan_for_a_box_needs_no_console(folder: Path) -> None:
+    wanted = ["plan", "--size", "0.8x0.4x0.6", "--drones", "2", "--pictures", "4", "--enough", "90"]
+    answer = run(folder, *wanted, "--json")
+    assert answer.returncode == 0, answer.stderr
+    plan = json.loads(answer.stdout)
+    assert {view["drone_id"] for view in plan["viewpoints"]} == {"drone-1", "drone-2"}
+    assert len(plan["viewpoints"]) == 4
+    assert plan["fitness"] <= plan["bound"]
+    assert plan["enough"]["needed"] <= plan["enough"]["sufficient"]
+    assert sorted(folder.iterdir()) == []
+    table = run(folder, *wanted).stdout
+    assert "4 viewpoints" in table
+    assert "90% of the boxes' surface" in table
+
+
+def test_what_cannot_be_planned_for(folder: Path) -> None:
+    assert "larger than the fence" in refused(folder, "plan", "--size", "9x9x9")
+    assert "size" in refused(folder, "plan", "--size", "0.9x0.4")
+    assert "unknown scene" in refused(folder, "plan", "--object", "nothing")
+    assert "evenly" in refused(folder, "plan", "--size", "1x1x1", "--pictures", "7")
+    assert "percentage" in refused(folder, "plan", "--size", "1x1x1", "--enough", "101")
+    assert "DRONERF_TOKEN" in refused(folder, "plan")

@@ -16,8 +16,9 @@ from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import camera_pose
 from server.jobs.spec import JobSpec, Reporting
+from server.planner.bound import views_enough
 from server.planner.config import PlannerConfig
-from server.planner.mission_plan import plan_mission
+from server.planner.mission_plan import placement_problem, plan_mission
 from server.planner.placement import PlanProgress
 from server.stages import (
     Assignment,
@@ -29,6 +30,8 @@ from server.stages import (
 )
 
 _REPORT_S = 0.25
+# Up to so many are tried when asked how many are enough.
+_MOST_PICTURES = 100
 Corners = tuple[list[float], list[float]]
 
 
@@ -45,6 +48,7 @@ class PlanInput(BaseModel):
         rounds: Pictures per drone.
         config: ``PlannerConfig``.
         priorities: Lower and upper corner and weight of the parts that matter more.
+        enough: Share of the visible surface for which to find how many pictures are enough.
     """
 
     outer: Corners
@@ -56,6 +60,20 @@ class PlanInput(BaseModel):
     rounds: int
     config: dict[str, Any]
     priorities: list[tuple[list[float], list[float], float]] = []
+    enough: float | None = None
+
+
+class EnoughPictures(BaseModel):
+    """How many pictures see ``share`` of the surface, tried up to ``most``.
+
+    ``sufficient`` is None when no plan was found that does, ``needed`` when it is proven that none
+    can.
+    """
+
+    share: float
+    most: int
+    sufficient: int | None
+    needed: int | None
 
 
 class PlanResult(BaseModel):
@@ -67,6 +85,7 @@ class PlanResult(BaseModel):
     candidates: int
     bound: float | None
     rounds: list[dict[str, tuple[float, float, float, float]]]
+    enough: EnoughPictures | None = None
 
     def placement(self) -> Placement:
         """Return the chosen set."""
@@ -111,13 +130,15 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
                 viewpoints=[_place(view) for view in progress.best],
             )
 
+    camera = Intrinsics(**wanted.intrinsics)
+    config = TypeAdapter(PlannerConfig).validate_python(wanted.config)
     placement, assignment = plan_mission(
         seed,
-        Intrinsics(**wanted.intrinsics),
+        camera,
         wanted.tilt_rad,
         poses,
         wanted.rounds,
-        TypeAdapter(PlannerConfig).validate_python(wanted.config),
+        config,
         spec.seed,
         on_progress,
         reporter.should_stop,
@@ -129,7 +150,18 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         candidates=placement.candidates,
         bound=placement.bound,
         rounds=[{d: _place(v) for d, v in entry.items()} for entry in assignment.rounds],
+        enough=None if wanted.enough is None else _enough(wanted.enough, seed, camera, wanted),
     ).model_dump()
+
+
+def _enough(
+    share: float, seed: SeedGeometry, camera: Intrinsics, wanted: PlanInput
+) -> EnoughPictures:
+    config = TypeAdapter(PlannerConfig).validate_python(wanted.config)
+    problem = placement_problem(seed, camera, wanted.tilt_rad, config)
+    found = views_enough(problem, share, _MOST_PICTURES)
+    most = min(_MOST_PICTURES, len(problem.candidates))
+    return EnoughPictures(share=share, most=most, sufficient=found.sufficient, needed=found.needed)
 
 
 def _box(corners: Corners) -> Box3:

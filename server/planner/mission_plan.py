@@ -11,7 +11,7 @@ from server.geometry.cameras import Intrinsics
 from server.planner.assignment import assign
 from server.planner.candidates import generate_candidates
 from server.planner.config import PlannerConfig
-from server.planner.fitness import build_problem
+from server.planner.fitness import FitnessProblem, build_problem
 from server.planner.placement import CancelCheck, ProgressReport, place
 from server.planner.policies import POLICIES, SurfaceUncertainty, uncertain_weights
 from server.stages import Assignment, CameraPose, Placement, SeedGeometry
@@ -54,13 +54,7 @@ def plan_mission(
     """
     if not drone_poses or rounds < 1:
         raise ValueError("a mission plan needs at least one drone and one round")
-    candidates = generate_candidates(seed, intrinsics, tilt_rad, config)
-    weigh = None
-    if config.policy == "uncertain" and uncertainty is not None:
-        weigh = partial(uncertain_weights, uncertainty=uncertainty, gain=config.uncertainty_gain)
-    problem = build_problem(
-        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours, weigh
-    )
+    problem = placement_problem(seed, intrinsics, tilt_rad, config, uncertainty)
     placement = place(
         problem,
         len(drone_poses) * rounds,
@@ -72,3 +66,24 @@ def plan_mission(
     )
     assignment = assign(placement.viewpoints, drone_poses, seed.outer.centre, config.space)
     return placement, assignment
+
+
+def placement_problem(
+    seed: SeedGeometry,
+    intrinsics: Intrinsics,
+    tilt_rad: float,
+    config: PlannerConfig,
+    uncertainty: SurfaceUncertainty | None = None,
+) -> FitnessProblem:
+    """Return what ``plan_mission`` chooses by: the candidates around ``seed``, what each sees.
+
+    Raises:
+        PlanError: If no candidate is left; the text names the constraint.
+    """
+    candidates = generate_candidates(seed, intrinsics, tilt_rad, config)
+    weigh = None
+    if config.policy == "uncertain" and uncertainty is not None:
+        weigh = partial(uncertain_weights, uncertainty=uncertainty, gain=config.uncertainty_gain)
+    return build_problem(
+        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours, weigh
+    )
