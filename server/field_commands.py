@@ -16,9 +16,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from server.app import check_runs
+from server.app import StartError, check_runs
 from server.jobs.runner import JobFailedError, LocalRunner
 from server.jobs.spec import JobSpec, Kind
+from server.jobs.unfinished import unfinished
 from server.settings import load_settings
 from server.store.runs import run_id
 from server.terminal import TrainingBar, count, metrics_table, seconds, seed
@@ -32,6 +33,12 @@ def add_field_commands(commands: Any, add: AddCommand) -> None:
     """Add ``train``, ``render`` and ``export`` to a parser's ``commands`` by its own ``add``."""
     part = add(commands, "train", run_train, "train on any folder with transforms.json")
     part.add_argument("dataset", type=Path, help="folder with transforms.json")
+    part.add_argument(
+        "--resume",
+        action="store_true",
+        help="the folder is a run whose capture or training was cut off: go on there, as it was"
+        " started; other options have no effect",
+    )
     length = part.add_mutually_exclusive_group()
     length.add_argument("--seconds", type=seconds, help="training time (60)")
     length.add_argument("--steps", type=count, help="training steps instead")
@@ -92,6 +99,12 @@ def run_train(arguments: argparse.Namespace) -> int:
     """Train a field on a folder with transforms.json and judge it on held-out pictures."""
     settings = load_settings(runs=arguments.runs)
     check_runs(settings.runs)
+    if arguments.resume:
+        try:
+            parameters, started_with = unfinished(arguments.dataset.resolve())
+        except ValueError as error:
+            raise StartError(str(error)) from error
+        return asyncio.run(_work("reconstruct", parameters, arguments, seed=started_with))
     if arguments.seconds is None and arguments.steps is None:
         arguments.seconds = 60.0
     parameters = {

@@ -210,6 +210,10 @@ def test_nothing_left_to_train_on(folder: Path) -> None:
     assert "training" in refused(folder, "train", str(path), "--test-every", "1", "--steps", "1")
 
 
+def test_nothing_to_go_on_with(folder: Path) -> None:
+    assert "no training to go on with" in refused(folder, "train", "--resume", ".")
+
+
 def test_training_prints_one_object(folder: Path) -> None:
     path = dataset(folder.parent / "data", pictures=9)
     answer = run(

@@ -19,6 +19,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from server.geometry.boxes import union
+from server.jobs.kept_training import KeptTraining
 from server.jobs.reports import FieldReports, tell_share
 from server.jobs.results import write_results
 from server.jobs.spec import JobSpec
@@ -29,7 +30,7 @@ from server.nerf.flight import read_pictures
 from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
-from server.nerf.training import Trainer
+from server.nerf.training import StepReport, Trainer
 
 _LIVE_PICTURES = 4
 _LIVE_SLICE_S = 4.0
@@ -57,6 +58,7 @@ class ReconstructInput(BaseModel):
         backend: ``numba`` or ``torch``.
         mode: The capture's mode, None for a dataset.
         results: Also make mesh and film.
+        resume: Go on where a reconstruction of the same was cut off.
     """
 
     source: Literal["flight", "dataset"]
@@ -70,6 +72,7 @@ class ReconstructInput(BaseModel):
     backend: Literal["numba", "torch"] = "numba"
     mode: str | None = None
     results: bool = True
+    resume: bool = False
 
 
 class _Stages:
@@ -93,11 +96,14 @@ def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
     stages = _Stages()
     trusted: list[int] | None = None
     if wanted.source == "flight":
-        with stages.stage("live"):
-            _train_live(wanted, spec, reporter)
-        with stages.stage("refine"):
-            refined = _refine(wanted, spec, reporter)
-        trusted = [int(index) for index in np.flatnonzero(refined.refined)]
+        trusted = _refined_before(wanted.dataset) if wanted.resume else None
+        if trusted is None:
+            if not wanted.resume:
+                with stages.stage("live"):
+                    _train_live(wanted, spec, reporter)
+            with stages.stage("refine"):
+                refined = _refine(wanted, spec, reporter)
+            trusted = [int(index) for index in np.flatnonzero(refined.refined)]
     dataset = load_dataset(
         wanted.dataset, downscale=wanted.downscale, object_only=wanted.object_only
     )
@@ -124,13 +130,29 @@ def _judge_and_deliver(
         _trainer(dataset, unseen, wanted, spec).run(steps=2)
     # Only now is it certain that there is something to train on and judge.
     out.mkdir(parents=True, exist_ok=True)
-    trainer = _trainer(dataset, unseen, wanted, spec)
+    kept = KeptTraining(out)
+    trainer = kept.load(dataset, spec.threads) if wanted.resume else None
+    resumed_at = 0.0 if trainer is None else _done(trainer, wanted)
+    if trainer is None:
+        trainer = _trainer(dataset, unseen, wanted, spec)
+    kept.begin(wanted.model_dump(mode="json"), spec.seed)
     reports = FieldReports(trainer, reporter, out, images=len(shown))
     with stages.stage("train"):
-        reports.begin("train", wanted.train_seconds, held_out)
+        left_s, left_steps = _left(wanted, resumed_at)
+        reports.begin("train", left_s, held_out)
+
+        def on_step(step: StepReport) -> None:
+            reports.on_step(step)
+            kept.keep(trainer)
+
         trainer.run(
-            wanted.train_seconds, wanted.steps, reports.on_step, should_stop=reporter.should_stop
+            left_s,
+            left_steps,
+            on_step,
+            should_stop=reporter.should_stop,
+            progress_from=resumed_at,
         )
+        kept.keep(trainer, now=True)
     samples_per_s = trainer.samples_per_s
     with stages.stage("evaluate"):
         reports.begin("evaluate", None, [])
@@ -156,6 +178,7 @@ def _judge_and_deliver(
         "mode": wanted.mode,
         "downscale": wanted.downscale,
         "object_only": wanted.object_only,
+        "resumed_at": round(resumed_at, 3),
         **asdict(metrics),
         "samples_per_s": round(samples_per_s, 1),
         "seconds": stages.seconds,
@@ -166,7 +189,31 @@ def _judge_and_deliver(
         with stages.stage("results"):
             result["missing"] = write_results(trainer, out, reporter)
         _write_whole(out / "metrics.json", result)
+    kept.end()
     return result
+
+
+def _done(trainer: Trainer, wanted: ReconstructInput) -> float:
+    """Return the share of the wanted training that a resumed trainer has behind it."""
+    return trainer.progress if wanted.steps is None else min(1.0, trainer.steps / wanted.steps)
+
+
+def _left(wanted: ReconstructInput, done: float) -> tuple[float | None, int | None]:
+    """Return seconds and steps that are left of the training when the share ``done`` is over."""
+    seconds, steps = wanted.train_seconds, wanted.steps
+    return (
+        None if seconds is None else (1.0 - done) * seconds,
+        None if steps is None else round((1.0 - done) * steps),
+    )
+
+
+def _refined_before(folder: Path) -> list[int] | None:
+    """Return which pictures' poses were refined already, None if none were."""
+    try:
+        told = json.loads((folder / "poses.json").read_text())["pictures"]
+        return [index for index, picture in enumerate(told) if picture["refined"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _write_whole(file: Path, about: dict[str, Any]) -> None:

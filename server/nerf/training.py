@@ -150,6 +150,11 @@ class Trainer:
         """Steps taken so far."""
         return self._step
 
+    @property
+    def progress(self) -> float:
+        """Share of the schedule that is done, 0 to 1."""
+        return self._progress
+
     def use_threads(self, threads: int) -> None:
         """Compute on ``threads`` cores from now on; results do not depend on it."""
         numba.set_num_threads(max(1, min(threads, _CORES)))
