@@ -238,10 +238,10 @@ class LocalizationConfig:
     tof_bias_m: float = 0.05
     tof_offset_m: float = 0.0
     box_sigma_rad: float = 0.03
-    box_bias_rad: float = 0.05
-    box_bias_tau_s: float = 15.0
+    box_bias_rad: float = 0.15
+    box_bias_tau_s: float = 8.0
     size_sigma: float = 0.12
-    size_bias: float = 0.1
+    size_bias: float = 0.7
     attitude_share: float = 0.3
     gate: float = 7.0
     max_extrapolation_s: float = 0.5

@@ -3,8 +3,9 @@
 The stage Frame -> Box is replaced. A virtual picture is one datagram with a number; its decoder
 makes a tiny ``Frame`` whose pixels are that number; the eye looks up the true camera pose of that
 moment and projects the object, with the errors a region search makes: noise, a slowly wandering
-bias, wrong places (outliers) and no result (drop-outs). Loss of the datagram is loss of the picture
-and damages those up to the next key picture, as in a real stream.
+bias, wrong places (outliers), no result (drop-outs), and for many seconds at a time a part of the
+object, or more than the object, taken for the whole of it. Loss of the datagram is loss of the
+picture and damages those up to the next key picture, as in a real stream.
 
 Truth enters here, as it enters a lens; nothing else of the mission sees it.
 """
@@ -50,6 +51,10 @@ class SightErrors:
         bias_s: How long an offset lasts, seconds.
         outliers: Share of boxes that are somewhere else.
         drop_outs: Share of pictures without a box.
+        extent: Standard deviation of how far each edge is off while something else than the whole
+            object is taken for it, as a share of the object's width or height in the picture.
+        extent_share: Share of the time during which that is so.
+        extent_s: How long one extent is seen on average, seconds.
     """
 
     edge_px: float = 8.0
@@ -57,6 +62,13 @@ class SightErrors:
     bias_s: float = 5.0
     outliers: float = 0.02
     drop_outs: float = 0.1
+    extent: float = 0.25
+    extent_share: float = 0.6
+    extent_s: float = 15.0
+
+
+# No edge is further off than this, as a share of the object's width or height.
+_EXTENT_MOST = 0.27
 
 
 class VirtualCamera:
@@ -142,6 +154,7 @@ class VirtualEye:
         self._errors = errors
         self._rng = rng
         self._bias = errors.bias_px * rng.standard_normal(2)
+        self._extent = self._drawn_extent()
 
     def expect(self, prior: RegionPrior | None) -> None:
         """Take no hint: this eye needs none."""
@@ -167,16 +180,34 @@ class VirtualEye:
         keep = np.exp(-1.0 / (FPS * errors.bias_s))
         kick = errors.bias_px * np.sqrt(1.0 - keep * keep)
         self._bias = keep * self._bias + kick * rng.standard_normal(2)
+        if rng.random() < 1.0 / (FPS * errors.extent_s):
+            self._extent = self._drawn_extent()
         if T_world_cam is None or rng.random() < errors.drop_outs:
             return None, None
         intrinsics = self._camera.lens
         pixels, depths = intrinsics.project(self._points, T_world_cam)
         if (depths < _NEAREST_M).any():
             return None, None
-        pixels = pixels + self._bias
+        pixels = _stretched(pixels, self._extent) + self._bias
         if rng.random() < errors.outliers:
             pixels = pixels + rng.uniform(-300.0, 300.0, 2)
         return _seen(pixels, intrinsics, errors.edge_px * rng.standard_normal(4))
+
+    def _drawn_extent(self) -> Array:
+        """Return how far the lower and upper edges ``(2, 2)`` lie off, as shares of the size."""
+        errors, rng = self._errors, self._rng
+        if rng.random() >= errors.extent_share:
+            return np.zeros((2, 2))
+        drawn = errors.extent * rng.standard_normal((2, 2))
+        return np.clip(drawn, -_EXTENT_MOST, _EXTENT_MOST)
+
+
+def _stretched(pixels: Array, shares: Array) -> Array:
+    """Return ``pixels`` ``(n, 2)`` with their bounds moved by ``shares`` ``(2, 2)`` of the size."""
+    lower, upper = pixels.min(axis=0), pixels.max(axis=0)
+    size = upper - lower
+    new_lower, new_upper = lower + shares[0] * size, upper + shares[1] * size
+    return new_lower + (pixels - lower) / size * (new_upper - new_lower)
 
 
 def _seen(
