@@ -243,7 +243,7 @@ class LocalizationConfig:
     size_sigma: float = 0.12
     size_bias: float = 0.7
     attitude_share: float = 0.3
-    gate: float = 7.0
+    gate: float = 4.0
     max_extrapolation_s: float = 0.5
     target_sigma_m: float = 0.3
     target_height_m: float = 0.45

@@ -248,14 +248,6 @@ class PoseFilter:
             return False
         expected, H = predicted
         measured, variances = self._measure_box(box)
-        if variances[2] >= _IGNORED and measured[2] > expected[2]:
-            if not self._raise_size(measured[2] - expected[2], H[2]):
-                self.refused_boxes += 1
-                return False
-            predicted = self._predict_box(at_s, seed)
-            if predicted is None:
-                return False
-            expected, H = predicted
         fitted = self._correct(measured - expected, H, variances)
         if fitted:
             self._box_at_s = at_s
@@ -263,25 +255,11 @@ class PoseFilter:
             self.refused_boxes += 1
         return fitted
 
-    def _raise_size(self, by: float, H: Array) -> bool:
-        """Move the mean so that the log apparent height grows by ``by``; False if out of reach.
-
-        A box cut above or below says that the object appears at least so high. A bound moves what
-        is believed of object and distance as far as needed, and makes none of it surer.
-        """
-        towards = self._cov @ H
-        variance = H @ towards
-        if by**2 > self._config.gate * (variance + self._config.size_sigma**2):
-            return False
-        self._x = self._x + towards * (by / variance)
-        return True
-
     def _measure_box(self, box: Box) -> tuple[Array, Array]:
         """Return (right, down, log apparent height) as tangents, and their variances.
 
         A box that touches the picture's edge is cut there. Sideways its centroid still says where
-        to, loosely; cut above or below, its elevation says nothing, and its height only how high
-        it appears at least.
+        to, loosely; cut above or below, its elevation and its height say nothing.
         """
         config, camera = self._config, self._intrinsics
         corners = np.stack([box.xyxy_px[:2], box.xyxy_px[2:], box.centroid_px])
