@@ -35,6 +35,8 @@ _SPEED_FACTOR = 1.1
 _TURN_FACTORS = np.array([0.85, 1.0, 1.15])
 # When, as shares of the coasting time, it must be inside the fence and clear of the object.
 _COAST_SHARES = np.linspace(0.0, 1.0, 17)[1:]
+# From then on it comes down wherever it is.
+_SINKS = _COAST_SHARES > 0.9
 # Shares of the wished velocity that are tried until the coasting drone passes the object.
 _SLOWER = np.concatenate([np.geomspace(1.0, 0.03, 20), [0.0]])
 # No wish is faster than this; far more would overflow when squared.
@@ -145,8 +147,8 @@ def limit_setpoint(
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
     retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
     what is unsure about the pose, and no velocity would carry the drone over it, through the
-    ceiling or to the object within ``coast_s``: a Tello whose link dies flies on with its last
-    sticks.
+    ceiling or to the object within ``coast_s``, nor let it come down on the object then: a Tello
+    whose link dies flies on with its last sticks and lands.
 
     Args:
         setpoint: Wanted body velocity and yaw rate.
@@ -185,7 +187,8 @@ def _coastable(
         velocity = velocity.copy()
         velocity[2] = min(float(velocity[2]), headroom_m / config.coast_s)
     moved = _coasted(velocity, yaw_rate, config.coast_s)
-    velocity = velocity * [*2 * [_share_inside(position[:2], moved[:, :2], config)], 1.0]
+    along_floor = moved[..., :2].reshape(-1, 2)
+    velocity = velocity * [*2 * [_share_inside(position[:2], along_floor, config)], 1.0]
     if target is not None:
         # The scaled path is again the path of the scaled velocity.
         moved = _coasted(velocity, yaw_rate, config.coast_s)
@@ -194,7 +197,7 @@ def _coastable(
 
 
 def _coasted(velocity: Array, yaw_rate: float, coast_s: float) -> Array:
-    """Return where a coasting drone may be at several moments, relative to now, ``(n, 3)``."""
+    """Return where a coasting drone may be, relative to now, ``(turns, moments, 3)``."""
     times_s = coast_s * _COAST_SHARES
     angles = yaw_rate * times_s * _TURN_FACTORS[:, None]
     # Displacement per unit of velocity: the integral of the rotation over time.
@@ -202,7 +205,7 @@ def _coasted(velocity: Array, yaw_rate: float, coast_s: float) -> Array:
     aside = _SPEED_FACTOR * times_s * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
     x, y, z = velocity
     climbed = np.broadcast_to(z * times_s, along.shape)
-    return np.stack([along * x - aside * y, aside * x + along * y, climbed], axis=-1).reshape(-1, 3)
+    return np.stack([along * x - aside * y, aside * x + along * y, climbed], axis=-1)
 
 
 def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
@@ -218,15 +221,22 @@ def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
 
 
 def _share_clear(place: Array, moved: Array, target: Box3, clearance_m: float) -> float:
-    """Return a share s, at most 1, with place + s moved clear of the object throughout."""
+    """Return a share s, at most 1, with place + s moved clear of the object throughout.
 
-    def clear(points: Array) -> NDArray[np.bool_]:
+    In the end the drone comes down: there the object counts from the floor up without end, unless
+    the drone is above it already.
+    """
+
+    def clear(points: Array, axes: int = 3) -> NDArray[np.bool_]:
         away = points - np.clip(points, target.lower, target.upper)
-        return (away**2).sum(axis=-1) >= clearance_m**2
+        return (away[..., :axes] ** 2).sum(axis=-1) >= clearance_m**2
 
     if not clear(place):
         return 1.0  # So near the standoff's limit leads away.
-    passes = clear(place + _SLOWER[:, None, None] * moved).all(axis=1)
+    paths = place + _SLOWER[:, None, None, None] * moved
+    passes = clear(paths).all(axis=(1, 2))
+    if clear(place, axes=2):
+        passes &= clear(paths[:, :, _SINKS], axes=2).all(axis=(1, 2))
     return float(_SLOWER[int(np.argmax(passes))])
 
 

@@ -190,7 +190,7 @@ def test_a_drone_that_coasts_on_its_last_setpoint_stays_inside_the_fence(
 
 
 def coasted(position: np.ndarray, yaw_rad: float, setpoint: Setpoint) -> np.ndarray:
-    """Body velocities and a turn followed step by step for the 15 s a lost Tello takes."""
+    """Body velocities and a turn followed step by step for the 15 s a lost Tello takes to land."""
     places, dt_s = [position], 0.05
     for step in range(int(15.0 / dt_s)):
         heading = yaw_rad + setpoint.yaw_rate_rad_s * (step + 0.5) * dt_s
@@ -218,14 +218,30 @@ def test_a_drone_that_coasts_on_its_last_setpoint_misses_the_object(
     yaw_rate: float,
 ) -> None:
     place = np.array([radius * math.cos(azimuth), radius * math.sin(azimuth), z])
-    start_m = distance_m(place)
-    assume(start_m > CONFIG.standoff_m)
+    # Not above it: whoever is there already cannot help coming down on it.
+    assume(distance_m(place * [1.0, 1.0, 0.0]) > CONFIG.standoff_m)
     after = limit_setpoint(
         Setpoint(np.array(wish), yaw_rate), pose_at(place[0], place[1], z, yaw_rad), TARGET, CONFIG
     )
-    nearest_m = min(map(distance_m, coasted(place, yaw_rad, after)))
+    path = coasted(place, yaw_rad, after)
     # Between the moments that are looked at it may come a little nearer.
-    assert nearest_m > CONFIG.coast_clearance_m - 0.15
+    assert min(map(distance_m, path)) > CONFIG.coast_clearance_m - 0.15
+    # There it lands: over the object it would come down on it.
+    assert distance_m(path[-1] * [1.0, 1.0, 0.0]) > CONFIG.coast_clearance_m - 0.15
+
+
+def test_a_drone_that_coasts_up_and_round_does_not_land_on_the_object() -> None:
+    """It turned as it climbed, came back over the object after 14 s, and landed there."""
+    place, yaw_rad = np.array([0.24, 1.14, 0.53]), -1.68
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    body = np.array([0.30 * c + 0.10 * s, -0.30 * s + 0.10 * c, 0.13])
+    low = Box3(np.array([-0.4, -0.25, 0.0]), np.array([0.4, 0.25, 0.42]))
+    for yaw_rate in np.linspace(-1.0, 1.0, 41):
+        pose = pose_at(*place, yaw_rad)
+        after = limit_setpoint(Setpoint(body, float(yaw_rate)), pose, low, CONFIG)
+        end = coasted(place, yaw_rad, after)[-1] * [1.0, 1.0, 0.0]
+        away_m = np.linalg.norm(end - np.clip(end, low.lower, low.upper))
+        assert away_m > CONFIG.coast_clearance_m - 0.15
 
 
 def distance_m(position: np.ndarray) -> float:
