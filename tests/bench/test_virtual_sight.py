@@ -6,6 +6,7 @@ elevation by 0.067 rad; 2 s later the error is nearly the same (correlation 0.9)
 """
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,8 +27,9 @@ MINUTES = 60
 def watched(errors: SightErrors) -> np.ndarray:
     """Return log height, right and down (rad) of each box beyond the truth; NaN for no box."""
     T = look_at(np.array([2.2, 0.0, 0.9]), CENTRE)
-    camera = SimpleNamespace(lens=TELLO_INTRINSICS, pose_of=lambda _: T)
-    eye = VirtualEye(None, camera, CORNERS, errors, np.random.default_rng(5))
+    camera: Any = SimpleNamespace(lens=TELLO_INTRINSICS, pose_of=lambda _: T)
+    nobody: Any = None  # Its pictures are handed to the eye here, not fetched from a drone.
+    eye = VirtualEye(nobody, camera, CORNERS, errors, np.random.default_rng(5))
     pixels, _ = TELLO_INTRINSICS.project(CORNERS, T)
     lower, upper = pixels.min(axis=0), pixels.max(axis=0)
     frame = Frame("d", 0, 0.0, np.zeros((2, 2, 3), np.uint8), damaged=False)

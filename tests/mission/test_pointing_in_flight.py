@@ -89,7 +89,7 @@ class MistakenEye(VirtualEye):
 
     def __init__(self, drone: Drone, camera: VirtualCamera, points: Array, number: int) -> None:
         rng = np.random.default_rng([SEED, number])
-        super().__init__(drone, camera, points + DECOY, SightErrors(), rng)
+        super().__init__(drone, camera, points + DECOY, SightErrors(extent=0.0), rng)
         self._mine, self._shot = drone, camera
         self._things = (points, points + DECOY)
         self._expected: RegionPrior | None = None

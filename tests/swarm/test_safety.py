@@ -232,12 +232,13 @@ def test_a_drone_that_coasts_on_its_last_setpoint_misses_the_object(
 
 def test_a_drone_that_coasts_up_and_round_does_not_land_on_the_object() -> None:
     """It turned as it climbed, came back over the object after 14 s, and landed there."""
-    place, yaw_rad = np.array([0.24, 1.14, 0.53]), -1.68
+    yaw_rad = -1.68
+    place = np.array([0.24, 1.14, 0.53])
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     body = np.array([0.30 * c + 0.10 * s, -0.30 * s + 0.10 * c, 0.13])
     low = Box3(np.array([-0.4, -0.25, 0.0]), np.array([0.4, 0.25, 0.42]))
     for yaw_rate in np.linspace(-1.0, 1.0, 41):
-        pose = pose_at(*place, yaw_rad)
+        pose = pose_at(0.24, 1.14, 0.53, yaw_rad)
         after = limit_setpoint(Setpoint(body, float(yaw_rate)), pose, low, CONFIG)
         end = coasted(place, yaw_rad, after)[-1] * [1.0, 1.0, 0.0]
         away_m = np.linalg.norm(end - np.clip(end, low.lower, low.upper))
