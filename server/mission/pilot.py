@@ -284,7 +284,10 @@ class Pilot:
             readings = flight_readings(pose, others, obstacle, self._config.safety)
             ages = wing.ages(now_s)
             readings = replace(
-                readings, object_age_s=ages.object_age_s, velocity_age_s=ages.velocity_age_s
+                readings,
+                object_age_s=ages.object_age_s,
+                velocity_age_s=ages.velocity_age_s,
+                floor_m=readings.floor_m if wing.minds_floor else None,
             )
             wing.drone.observe_flight(readings, now_s)
             taken = wing.drone.set_setpoint(setpoint, now_s) and steered

@@ -22,6 +22,8 @@ _LANDS_S = 15.0
 _TOLD_TO_LAND_S = 3.0
 # How long it flies on before it follows the order to hover.
 _LAG_S = 0.5
+# Its sticks do not bring it down further than this.
+_LOWEST_M = 0.1
 # It sinks at least this fast.
 _SINK_M_S = 0.3
 # Its turn may differ from what its sticks ask for by these factors.
@@ -55,6 +57,8 @@ def coasted(last: LastHeard, silent_s: float, turn_factor: float = 1.0) -> tuple
     chord = last.velocity * flown_s
     chord[:2] *= float(np.sinc(turned_rad / (2.0 * np.pi)))
     position = last.position + turned(chord, turned_rad / 2.0)
+    # Sinking, it stops above the floor and flies on.
+    position[2] = max(position[2], min(float(last.position[2]), _LOWEST_M))
     if silent_s < _LANDS_S:
         return position, turned(last.velocity, turned_rad)
     return _sunk(position, silent_s - _LANDS_S), np.zeros(3)

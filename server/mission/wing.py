@@ -28,6 +28,8 @@ _STALE_S = 0.6
 # Wind is what a drone does beyond what it was told: averaged over this time, and at most so much.
 _WIND_TAU_S = 1.5
 _WIND_MAX_M_S = 0.45
+# Holding its place against wind may take at most this share of the greatest speed.
+_WIND_SHARE = 0.9
 # Gusts end: how soon wind is no longer believed in that is not felt.
 _CALM_TAU_S = 4.0
 # How fast a Tello follows its sticks.
@@ -117,6 +119,7 @@ class Wing:
         self._moves = False
         self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0
+        self._rose = False
         self.place_at_start()
 
     def begin_capture(self) -> None:
@@ -129,6 +132,7 @@ class Wing:
         self.wind, self._told = np.zeros(3), np.zeros(3)
         self._orders.clear()
         self._seen_s = None
+        self._rose = False
         self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0 if self._heard is None else self._heard.received_s
 
@@ -178,8 +182,8 @@ class Wing:
         if usable and self.drone.activity in ("flying", "holding"):
             others = target.estimate(excluding=self.drone.config.id)
             assert sight.box is not None
-            self._seen_s = sight.frame.captured_s
-            self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed)
+            if self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed):
+                self._seen_s = sight.frame.captured_s
             target.observe(self.drone.config.id, self.filter.target_belief())
 
     def _observe_telemetry(self, telemetry: Telemetry) -> None:
@@ -204,6 +208,8 @@ class Wing:
             yaw_rad = self.filter.pose(telemetry.received_s).yaw_rad
             telemetry = replace(telemetry, velocity_m_s=turned(self._told, -yaw_rad))
         self.filter.observe_telemetry(telemetry, felt=felt)
+        height_m = float(self.filter.pose(telemetry.received_s).position_world[2])
+        self._rose = self._rose or height_m > self._config.safety.floor_m
 
     def _feel(self, telemetry: Telemetry, before: Telemetry | None) -> None:
         """Judge by a new report whether the drone feels itself move when it should."""
@@ -304,12 +310,11 @@ class Wing:
                 # what holds it against a wind that is over.
                 self.wind = self.wind * max(0.0, 1.0 - dt_s / _CALM_TAU_S)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
-        strength = float(np.linalg.norm(self.wind))
-        if strength > _WIND_MAX_M_S:
-            self.wind *= _WIND_MAX_M_S / strength
-        sent = velocity_world - self.wind
-        speed, fastest = float(np.linalg.norm(sent)), self._config.safety.max_speed_m_s
-        return sent * (fastest / speed) if speed > fastest else sent
+        strength, fastest = float(np.linalg.norm(self.wind)), self._config.safety.max_speed_m_s
+        strongest = min(_WIND_MAX_M_S, _WIND_SHARE * fastest)
+        if strength > strongest:
+            self.wind *= strongest / strength
+        return _share_flown(velocity_world, self.wind, fastest) * velocity_world - self.wind
 
     def was_told(
         self, velocity_world: Array, yaw_rate_rad_s: float, now_s: float, dt_s: float
@@ -332,6 +337,11 @@ class Wing:
         )
         return self._detour.turning
 
+    @property
+    def minds_floor(self) -> bool:
+        """Whether it is too low by mistake when it is: it has risen, and nobody lands it."""
+        return self._rose and self.drone.activity in ("flying", "holding")
+
     def ages(self, now_s: float) -> FlightReadings:
         """Return how long it has neither seen the object nor felt itself move."""
         heard = self._heard
@@ -339,3 +349,16 @@ class Wing:
             object_age_s=None if self._seen_s is None else now_s - self._seen_s,
             velocity_age_s=0.0 if heard is None else max(0.0, heard.received_s - self._felt_s),
         )
+
+
+def _share_flown(velocity: Array, wind: Array, fastest_m_s: float) -> float:
+    """Return the largest share s, at most 1, with |s velocity - wind| <= ``fastest_m_s``.
+
+    What cannot be flown is taken from the wish alone: less against the wind would let it carry the
+    drone where the wish, which keeps to every limit, does not go. The wind is weaker than that.
+    """
+    a, half_b = float(velocity @ velocity), float(velocity @ wind)
+    c = float(wind @ wind) - fastest_m_s**2
+    if a < 1e-12:
+        return 1.0
+    return min(1.0, (half_b + float(np.sqrt(half_b**2 - a * c))) / a)

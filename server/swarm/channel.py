@@ -34,6 +34,7 @@ class CommandChannel:
         epoch: Counts commands; a result belongs to a command only when the epoch still agrees.
         discarded: Replies dropped as late, stray or unasked.
         garbage: Datagrams that were no reply at all.
+        replied_s: When the newest reply came, whatever it answers; None before the first.
         labels_known: True once the drone answered to a label, False once it complained about one,
             None before either.
     """
@@ -43,6 +44,7 @@ class CommandChannel:
         self.epoch = 0
         self.discarded = 0
         self.garbage = 0
+        self.replied_s: float | None = None
         self.labels_known: bool | None = None
         self._outstanding: str | None = None
         self._label: int | None = None
@@ -104,6 +106,7 @@ class CommandChannel:
         except ProtocolError:
             self.garbage += 1
             return None
+        self.replied_s = now_s
         if label is not None:
             self.labels_known = True
             mine = label == self._label and reply.kind != "forced_stop"

@@ -358,6 +358,8 @@ class TimingConfig:
         beat_s: Period of the rc loop, seconds.
         setpoint_life_s: A setpoint older than this counts as hover, seconds.
         keep_alive_s: On the ground something is sent at least this often, seconds.
+        probe_s: In flight, where sticks are never answered, something that is answered is asked
+            this often, seconds.
         retry_s: An unanswered harmless command is repeated after this time, seconds.
         take_off_s: Longest wait for a take-off, seconds.
         land_s: Longest wait for a landing, seconds.
@@ -370,6 +372,7 @@ class TimingConfig:
     beat_s: float = 0.05
     setpoint_life_s: float = 0.4
     keep_alive_s: float = 4.0
+    probe_s: float = 0.5
     retry_s: float = 1.0
     take_off_s: float = 20.0
     land_s: float = 20.0

@@ -25,6 +25,8 @@ _REBOOT_S = 3.0
 OVERTAKEN_S = 2.0
 # Questions that went unanswered are asked again after this, while the drone stands.
 _ASK_AGAIN_S = 10.0
+# A question that every firmware answers.
+_PROBE = "battery?"
 # From this level of the protocol on, a drone can be told where to send state and video.
 _SDK_WITH_PORTS = 30
 # And from this one, how much video to send.
@@ -63,6 +65,8 @@ class Connection:
         self._asking_all: asyncio.Task[None] | None = None
         self._asked_all_s = 0.0
         self._known = False  # Everything was answered.
+        self._probed_s: float | None = None
+        self._probing_since_s: float | None = None
 
     @property
     def stranger(self) -> str:
@@ -179,6 +183,7 @@ class Connection:
                 self._ask_all_in_background()
             elif silent_s >= self._timing.keep_alive_s:
                 self._speak(now_s)
+        self._probe(now_s, doing)
         # A landing is not disturbed for the sake of pictures.
         if doing == "landing" or not self._pictures.wanted:
             return
@@ -188,6 +193,30 @@ class Connection:
         if order is not None and (self.facts.sdk or 0) >= _SDK_WITH_RATE:
             _LOG.info("%s: %s, for the losses of its video", self._config.id, order)
             self._asking.command(order)
+
+    def _probe(self, now_s: float, doing: Activity) -> None:
+        """Ask a drone in flight what it will answer at once, to know that it hears."""
+        if doing != "flying":
+            self._probing_since_s = None
+            return
+        if self._probing_since_s is None:
+            self._probing_since_s = self._probed_s = now_s
+        assert self._probed_s is not None
+        # Whoever waits for a reply hears as well whether it answers.
+        if now_s - self._probed_s >= self._timing.probe_s and not self._asking.turn.locked():
+            self._probed_s = now_s
+            self._asking.command(_PROBE)
+
+    def link_age_s(self, now_s: float) -> float | None:
+        """Return the seconds since a drone in flight last answered.
+
+        None on the ground, and for one that has not answered in this flight: perhaps its firmware
+        answers nothing while it flies.
+        """
+        since_s, replied_s = self._probing_since_s, self._asking.channel.replied_s
+        if since_s is None or replied_s is None or replied_s < since_s:
+            return None
+        return now_s - replied_s
 
     def _speak(self, now_s: float) -> None:
         # Whoever waits for a reply keeps the drone awake, too.

@@ -364,7 +364,12 @@ class Drone:
             await asyncio.sleep(self._timing.beat_s)
 
     def _beat(self, now_s: float) -> None:
-        self._flight.beat(now_s, self._pictures.age_s(now_s), self._operator_silence_s())
+        self._flight.beat(
+            now_s,
+            self._connection.link_age_s(now_s),
+            self._pictures.age_s(now_s),
+            self._operator_silence_s(),
+        )
         doing, silent_s = self._flight.doing, now_s - self._sent_s
         self._connection.beat(now_s, doing, silent_s, self._flight.state_age_s(now_s))
 

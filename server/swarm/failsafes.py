@@ -27,6 +27,7 @@ class FlightReadings:
     Attributes:
         fence_m: Metres beyond the fence, negative inside.
         ceiling_m: Metres above the ceiling, negative below.
+        floor_m: Metres below the lowest flying height, negative above.
         standoff_m: Distance to the object's box, metres.
         separation_m: Distance to the nearest other flying drone, metres.
         pose_sigma_m: Standard deviation of the believed position, metres.
@@ -36,6 +37,7 @@ class FlightReadings:
 
     fence_m: float | None = None
     ceiling_m: float | None = None
+    floor_m: float | None = None
     standoff_m: float | None = None
     separation_m: float | None = None
     pose_sigma_m: float | None = None
@@ -49,6 +51,7 @@ class Readings(FlightReadings):
 
     Attributes:
         state_age_s: Seconds since the newest state report.
+        link_age_s: Seconds since it last answered, None before it has answered in this flight.
         video_age_s: Seconds since the newest decoded picture.
         battery_pct: Charge, percent.
         temperature_c: Board temperature, degrees Celsius.
@@ -58,6 +61,7 @@ class Readings(FlightReadings):
     """
 
     state_age_s: float | None = None
+    link_age_s: float | None = None
     video_age_s: float | None = None
     battery_pct: float | None = None
     temperature_c: float | None = None
@@ -101,12 +105,14 @@ FALLING = frozenset({"battery_pct", "standoff_m", "separation_m"})
 
 _WORDS = {
     "state_age_s": "no state report for {:.1f} s",
+    "link_age_s": "has not answered for {:.1f} s",
     "video_age_s": "no picture for {:.1f} s",
     "battery_pct": "battery at {:.0f} %",
     "temperature_c": "{:.0f} degrees Celsius",
     "lean_deg": "leans {:.0f} degrees",
     "fence_m": "{:.1f} m beyond the fence",
     "ceiling_m": "{:.1f} m above the ceiling",
+    "floor_m": "{:.2f} m too low",
     "standoff_m": "{:.2f} m from the object",
     "separation_m": "another drone {:.2f} m away",
     "pose_sigma_m": "position uncertain by {:.2f} m",
@@ -147,12 +153,14 @@ class FailsafeTable:
 
     Attributes:
         state_age_s: Nothing is known of the drone: it may be anywhere.
+        link_age_s: It does not hear: it keeps its last sticks, whatever it is told.
         video_age_s: The pose is no longer corrected by what the camera sees.
         battery_pct: What is left lands the drone and no more; fires at or below.
         temperature_c: The drone switches itself off a little above the default.
         lean_deg: It lies on something or hangs in something; a Tello in flight leans less.
         fence_m: Metres beyond the fence radius.
         ceiling_m: Metres above the ceiling.
+        floor_m: Metres below the lowest flying height.
         standoff_m: Metres to the object's box; fires at or below.
         separation_m: Metres to the next drone; fires at or below.
         pose_sigma_m: Fence, standoff and separation are as good as the believed position.
@@ -163,12 +171,14 @@ class FailsafeTable:
     """
 
     state_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(hold=1.0, land=3.0))
+    link_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(hold=4.0, land=10.0))
     video_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(hold=4.0, land=20.0))
     battery_pct: Mapping[Action, float] = field(default_factory=lambda: _row(land=15.0))
     temperature_c: Mapping[Action, float] = field(default_factory=lambda: _row(land=100.0))
     lean_deg: Mapping[Action, float] = field(default_factory=lambda: _row(cut=65.0))
     fence_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.4, land=1.0))
     ceiling_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.4, land=1.0))
+    floor_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.1, land=0.2))
     standoff_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.3))
     separation_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.6))
     pose_sigma_m: Mapping[Action, float] = field(default_factory=lambda: _row(hold=0.7, land=1.5))

@@ -210,10 +210,14 @@ class Flight:
     # The beat --------------------------------------------------------------------------------
 
     def beat(
-        self, now_s: float, video_age_s: float | None, operator_silence_s: float | None
+        self,
+        now_s: float,
+        link_age_s: float | None,
+        video_age_s: float | None,
+        operator_silence_s: float | None,
     ) -> None:
         """Judge and steer; due 20 times a second."""
-        self._apply_failsafes(now_s, video_age_s, operator_silence_s)
+        self._apply_failsafes(now_s, link_age_s, video_age_s, operator_silence_s)
         match self.doing:
             case "flying":
                 if self.watch.is_down() and self.watch.motors_idle_since(self._airborne_s):
@@ -237,12 +241,18 @@ class Flight:
                 pass
 
     def _apply_failsafes(
-        self, now_s: float, video_age_s: float | None, operator_silence_s: float | None
+        self,
+        now_s: float,
+        link_age_s: float | None,
+        video_age_s: float | None,
+        operator_silence_s: float | None,
     ) -> None:
         if not self.airborne:
             self.sentry.stand_down()
             return
-        begun = self.sentry.judge(now_s, self.telemetry, video_age_s, operator_silence_s)
+        begun = self.sentry.judge(
+            now_s, self.telemetry, link_age_s, video_age_s, operator_silence_s
+        )
         action = self.sentry.verdict.action
         if action == "cut":
             self.cut_motors()

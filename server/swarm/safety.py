@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.stages import CameraPose, Setpoint, Telemetry
+from server.swarm.coasting import coastable, share_clear
 from server.swarm.config import SafetyConfig
 from server.swarm.failsafes import Action, Fired, FlightReadings
 
@@ -28,17 +29,6 @@ _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
 _MARGIN_MAX_M = 0.6
-# A coasting drone is where it is believed to be to within this, and its speed and turn are those
-# told to within these factors: sticks are no speeds.
-_COAST_MARGIN_M = 0.35
-_SPEED_FACTOR = 1.1
-_TURN_FACTORS = np.array([0.85, 1.0, 1.15])
-# When, as shares of the coasting time, it must be inside the fence and clear of the object.
-_COAST_SHARES = np.linspace(0.0, 1.0, 17)[1:]
-# From then on it comes down wherever it is.
-_SINKS = _COAST_SHARES > 0.9
-# Shares of the wished velocity that are tried until the coasting drone passes the object.
-_SLOWER = np.concatenate([np.geomspace(1.0, 0.03, 20), [0.0]])
 # No wish is faster than this; far more would overflow when squared.
 _ABSURD_M_S = 1e3
 
@@ -121,6 +111,7 @@ def flight_readings(
     return FlightReadings(
         fence_m=math.hypot(position[0], position[1]) - config.fence_radius_m,
         ceiling_m=float(position[2]) - config.ceiling_m,
+        floor_m=config.floor_m - float(position[2]),
         standoff_m=standoff,
         separation_m=min(apart, default=None),
         pose_sigma_m=pose.position_sigma_m,
@@ -146,9 +137,8 @@ def limit_setpoint(
 
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
     retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
-    what is unsure about the pose, and no velocity would carry the drone over it, through the
-    ceiling or to the object within ``coast_s``, nor let it come down on the object then: a Tello
-    whose link dies flies on with its last sticks and lands.
+    what is unsure about the pose. No velocity would do harm if the link died with it, see
+    ``server.swarm.coasting``.
 
     Args:
         setpoint: Wanted body velocity and yaw rate.
@@ -164,80 +154,17 @@ def limit_setpoint(
         velocity = velocity * (config.max_speed_m_s / speed)
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
-    velocity = _coastable(pose.position_world, velocity, rate, target, config)
+    velocity = coastable(pose.position_world, velocity, rate, target, config)
     fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
     limits = _limits(pose.position_world, target, fence_m, config)
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):
         for limit in limits:
             velocity = limit.apply(velocity)
-    return Setpoint(turn.T @ velocity, rate)
-
-
-def _coastable(
-    position: Array, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
-) -> Array:
-    """Return ``velocity`` ``(3,)``, slowed until a drone that coasts with it stays in free room.
-
-    Sticks are in the body's axes: whoever also turns flies a circle, not a line. A drone that goes
-    round the object facing it is at full speed as safe as one that creeps straight on.
-    """
-    headroom_m = config.ceiling_m - _COAST_MARGIN_M - float(position[2])
-    if headroom_m > 0.0:
-        velocity = velocity.copy()
-        velocity[2] = min(float(velocity[2]), headroom_m / config.coast_s)
-    moved = _coasted(velocity, yaw_rate, config.coast_s)
-    along_floor = moved[..., :2].reshape(-1, 2)
-    velocity = velocity * [*2 * [_share_inside(position[:2], along_floor, config)], 1.0]
     if target is not None:
-        # The scaled path is again the path of the scaled velocity.
-        moved = _coasted(velocity, yaw_rate, config.coast_s)
-        velocity = velocity * _share_clear(position, moved, target, config.coast_clearance_m)
-    return velocity
-
-
-def _coasted(velocity: Array, yaw_rate: float, coast_s: float) -> Array:
-    """Return where a coasting drone may be, relative to now, ``(turns, moments, 3)``."""
-    times_s = coast_s * _COAST_SHARES
-    angles = yaw_rate * times_s * _TURN_FACTORS[:, None]
-    # Displacement per unit of velocity: the integral of the rotation over time.
-    along = _SPEED_FACTOR * times_s * np.sinc(angles / np.pi)
-    aside = _SPEED_FACTOR * times_s * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
-    x, y, z = velocity
-    climbed = np.broadcast_to(z * times_s, along.shape)
-    return np.stack([along * x - aside * y, aside * x + along * y, climbed], axis=-1)
-
-
-def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
-    """Return the largest share s, at most 1, with |place + s moved| inside the fence throughout."""
-    reach_m = config.fence_radius_m - _COAST_MARGIN_M
-    if np.hypot(place[0], place[1]) >= reach_m:
-        return 1.0  # Out there the fence's own limit leads back.
-    a = (moved**2).sum(axis=1)
-    half_b = moved @ place
-    c = float(place @ place) - reach_m**2
-    shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
-    return min(1.0, float(shares.min()))
-
-
-def _share_clear(place: Array, moved: Array, target: Box3, clearance_m: float) -> float:
-    """Return a share s, at most 1, with place + s moved clear of the object throughout.
-
-    In the end the drone comes down: there the object counts from the floor up without end, unless
-    the drone is above it already.
-    """
-
-    def clear(points: Array, axes: int = 3) -> NDArray[np.bool_]:
-        away = points - np.clip(points, target.lower, target.upper)
-        return (away[..., :axes] ** 2).sum(axis=-1) >= clearance_m**2
-
-    if not clear(place):
-        return 1.0  # So near the standoff's limit leads away.
-    paths = place + _SLOWER[:, None, None, None] * moved
-    passes = clear(paths).all(axis=(1, 2))
-    if clear(place, axes=2):
-        passes &= clear(paths[:, :, _SINKS], axes=2).all(axis=(1, 2))
-    return float(_SLOWER[int(np.argmax(passes))])
+        # What the limits made of it may lead elsewhere: a retreat from the fence to the object.
+        velocity = velocity * share_clear(pose.position_world, velocity, rate, target, config)
+    return Setpoint(turn.T @ velocity, rate)
 
 
 def _limits(

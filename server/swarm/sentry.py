@@ -61,6 +61,7 @@ class Sentry:
         self,
         now_s: float,
         telemetry: Telemetry | None,
+        link_age_s: float | None,
         video_age_s: float | None,
         operator_silence_s: float | None,
     ) -> tuple[Fired, ...]:
@@ -69,6 +70,7 @@ class Sentry:
         readings = Readings(
             **flight,
             state_age_s=None if telemetry is None else now_s - telemetry.received_s,
+            link_age_s=link_age_s,
             video_age_s=video_age_s,
             battery_pct=None if telemetry is None else float(telemetry.battery_pct),
             temperature_c=None if telemetry is None else telemetry.temperature_c,

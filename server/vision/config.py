@@ -212,6 +212,7 @@ class LocalizationConfig:
         size_bias: Slowly changing relative error of it.
         attitude_share: Share of the reported pitch and roll that the stabilised video shows.
         gate: Squared Mahalanobis distance per degree of freedom beyond which a box is refused.
+        height_gate: The same of a reported height; wider, for of these nearly all are right.
         max_extrapolation_s: How far from the newest report a pose is extrapolated, seconds.
         target_sigma_m: How near the object stands to the world's origin, per axis, metres.
         target_height_m: Height of the object's centre above the floor before it was seen, metres.
@@ -244,6 +245,7 @@ class LocalizationConfig:
     size_bias: float = 0.7
     attitude_share: float = 0.3
     gate: float = 4.0
+    height_gate: float = 9.0
     max_extrapolation_s: float = 0.5
     target_sigma_m: float = 0.3
     target_height_m: float = 0.45

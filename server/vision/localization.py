@@ -216,11 +216,13 @@ class PoseFilter:
         if step_m != 0.0:
             between_m = t.height_m - (step_m / 2.0 if abs(step_m) < _HEIGHT_STEP_M else 0.0)
             above_start = config.start_height_m + between_m - self._x[2]
-            self._correct(np.array([above_start]), H, np.array([config.height_sigma_m**2]))
+            variances = np.array([config.height_sigma_m**2])
+            self._correct(np.array([above_start]), H, variances, config.height_gate)
         if t.tof_m is not None:
             H[0, _F] = 1.0
             above_floor = config.tof_offset_m + t.tof_m - self._x[2] - self._x[_F]
-            self._correct(np.array([above_floor]), H, np.array([config.tof_sigma_m**2]))
+            variances = np.array([config.tof_sigma_m**2])
+            self._correct(np.array([above_floor]), H, variances, config.height_gate)
 
     def observe_box(
         self,
@@ -248,7 +250,7 @@ class PoseFilter:
             return False
         expected, H = predicted
         measured, variances = self._measure_box(box)
-        fitted = self._correct(measured - expected, H, variances)
+        fitted = self._correct(measured - expected, H, variances, self._config.gate)
         if fitted:
             self._box_at_s = at_s
         else:
@@ -299,11 +301,11 @@ class PoseFilter:
         H[2, 16] = 1.0
         return expected, H
 
-    def _correct(self, innovation: Array, H: Array, variances: Array) -> bool:
+    def _correct(self, innovation: Array, H: Array, variances: Array, gate: float) -> bool:
         """Apply one linearised measurement; return False when it fails the gate."""
         S = H @ self._cov @ H.T + np.diag(variances)
         solved = np.linalg.solve(S, np.column_stack([innovation, H @ self._cov]))
-        if innovation @ solved[:, 0] > self._config.gate * len(innovation):
+        if innovation @ solved[:, 0] > gate * len(innovation):
             return False
         K = solved[:, 1:].T
         self._x = self._x + K @ innovation

@@ -51,8 +51,9 @@ class SightErrors:
         bias_s: How long an offset lasts, seconds.
         outliers: Share of boxes that are somewhere else.
         drop_outs: Share of pictures without a box.
-        extent: Standard deviation of how far each edge is off while something else than the whole
-            object is taken for it, as a share of the object's width or height in the picture.
+        extent: While something else than the whole object is taken for it, each edge is this
+            factor's exponential nearer to or farther from the object's middle: its standard
+            deviation. Much too large is as frequent as much too small, and further off.
         extent_share: Share of the time during which that is so.
         extent_s: How long one extent is seen on average, seconds.
     """
@@ -62,13 +63,9 @@ class SightErrors:
     bias_s: float = 5.0
     outliers: float = 0.02
     drop_outs: float = 0.1
-    extent: float = 0.25
+    extent: float = 0.45
     extent_share: float = 0.6
-    extent_s: float = 15.0
-
-
-# No edge is further off than this, as a share of the object's width or height.
-_EXTENT_MOST = 0.27
+    extent_s: float = 50.0
 
 
 class VirtualCamera:
@@ -153,6 +150,8 @@ class VirtualEye:
         self._points = object_points
         self._errors = errors
         self._rng = rng
+        # Of its own, so that the other errors of a seed do not depend on it.
+        self._extents = rng.spawn(1)[0]
         self._bias = errors.bias_px * rng.standard_normal(2)
         self._extent = self._drawn_extent()
 
@@ -180,7 +179,7 @@ class VirtualEye:
         keep = np.exp(-1.0 / (FPS * errors.bias_s))
         kick = errors.bias_px * np.sqrt(1.0 - keep * keep)
         self._bias = keep * self._bias + kick * rng.standard_normal(2)
-        if rng.random() < 1.0 / (FPS * errors.extent_s):
+        if self._extents.random() < 1.0 / (FPS * errors.extent_s):
             self._extent = self._drawn_extent()
         if T_world_cam is None or rng.random() < errors.drop_outs:
             return None, None
@@ -194,20 +193,18 @@ class VirtualEye:
         return _seen(pixels, intrinsics, errors.edge_px * rng.standard_normal(4))
 
     def _drawn_extent(self) -> Array:
-        """Return how far the lower and upper edges ``(2, 2)`` lie off, as shares of the size."""
-        errors, rng = self._errors, self._rng
+        """Return by which factors the lower and upper edges ``(2, 2)`` are off the middle."""
+        errors, rng = self._errors, self._extents
         if rng.random() >= errors.extent_share:
-            return np.zeros((2, 2))
-        drawn = errors.extent * rng.standard_normal((2, 2))
-        return np.clip(drawn, -_EXTENT_MOST, _EXTENT_MOST)
+            return np.ones((2, 2))
+        return np.exp(errors.extent * rng.standard_normal((2, 2)))
 
 
-def _stretched(pixels: Array, shares: Array) -> Array:
-    """Return ``pixels`` ``(n, 2)`` with their bounds moved by ``shares`` ``(2, 2)`` of the size."""
-    lower, upper = pixels.min(axis=0), pixels.max(axis=0)
-    size = upper - lower
-    new_lower, new_upper = lower + shares[0] * size, upper + shares[1] * size
-    return new_lower + (pixels - lower) / size * (new_upper - new_lower)
+def _stretched(pixels: Array, factors: Array) -> Array:
+    """Return ``pixels`` ``(n, 2)``, those before and behind the middle moved by ``(2, 2)``."""
+    middle = (pixels.min(axis=0) + pixels.max(axis=0)) / 2.0
+    off = pixels - middle
+    return middle + off * np.where(off < 0.0, factors[0], factors[1])
 
 
 def _seen(

@@ -1,0 +1,109 @@
+"""The coasting rule: no velocity whose last sticks would do harm if the link died now. Pure.
+
+A Tello that hears nothing keeps its last sticks, turn included, and lands by itself after 15 s
+wherever it then is. So a velocity is slowed until the whole way that it may take stays inside fence
+and ceiling and clear of the object, and does not end above the object.
+
+Symbols: positions and velocities are ``(3,)`` world metres; a way is an array ``(ways, moments,
+3)`` of displacements, one way for each factor by which sticks may differ from what they ask for.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.geometry.boxes import Box3
+from server.swarm.config import SafetyConfig
+
+Array = NDArray[np.float64]
+
+# A coasting drone is where it is believed to be to within this.
+_MARGIN_M = 0.35
+# Its speed and its turn are those told to within these factors: sticks are no speeds. A slower one
+# may fly where a faster one does not: a narrower circle, and a nearer end.
+_FACTORS = np.array(list(product((0.9, 1.0, 1.1), (0.85, 1.0, 1.15))))
+# When, as shares of ``coast_s``, it must be inside the fence and clear of the object.
+_SHARES = np.linspace(0.0, 1.0, 17)[1:]
+# When it may come down, seconds, whatever ``coast_s`` is.
+_LANDS_S = np.array([14.5, 15.0, 15.5, 16.0])
+# Shares of the wished velocity that are tried, the largest first.
+_SLOWER = np.concatenate([np.geomspace(1.0, 0.03, 20), [0.0]])
+# A way that begins at a limit keeps to it, rounding aside.
+_ROUNDING_M = 1e-9
+
+
+def coastable(
+    position: Array, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
+) -> Array:
+    """Return ``velocity``, slowed until a drone that coasts with it stays in free room.
+
+    Sticks are in the body's axes: whoever also turns flies a circle, not a line. A drone that goes
+    round the object facing it is at full speed as safe as one that creeps straight on. Whoever is
+    past a limit already goes no further past it.
+    """
+    headroom_m = max(config.ceiling_m - _MARGIN_M - float(position[2]), 0.0)
+    slower = velocity.copy()
+    slower[2] = min(float(velocity[2]), headroom_m / config.coast_s)
+    way = _ways(slower, yaw_rate, config.coast_s * _SHARES)
+    slower[:2] *= _share_inside(position[:2], way[..., :2].reshape(-1, 2), config)
+    if target is None:
+        return slower
+    return slower * share_clear(position, slower, yaw_rate, target, config)
+
+
+def share_clear(
+    position: Array, velocity: Array, yaw_rate: float, target: Box3, config: SafetyConfig
+) -> float:
+    """Return the share of ``velocity``, at most 1, with which a coasting drone misses the object.
+
+    The object reaches down without end: a drone that sinks stops above the floor and flies on.
+    Where the drone comes down, the object is a column without end; a drone above the object is
+    asked for that only if any share carries it clear.
+    """
+    down = np.array([*target.lower[:2], -np.inf])
+
+    def distance_m(points: Array, axes: int = 3) -> Array:
+        away = points - np.clip(points, down, target.upper)
+        return np.sqrt((away[..., :axes] ** 2).sum(axis=-1))
+
+    # Nearer than it should be already: no nearer.
+    room_m = min(config.coast_clearance_m, float(distance_m(position))) - _ROUNDING_M
+    way = _ways(velocity, yaw_rate, config.coast_s * _SHARES)
+    end = _ways(velocity, yaw_rate, _LANDS_S)
+
+    def passes(shares: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return for each share whether the whole way is clear, and whether its end is as well."""
+        scales = shares[:, None, None, None]  # The scaled way is the way of the scaled velocity.
+        way_m = distance_m(position + scales * way).min(axis=(1, 2))
+        end_m = distance_m(position + scales * end, axes=2).min(axis=(1, 2))
+        return way_m >= room_m, (way_m >= room_m) & (end_m >= config.coast_clearance_m)
+
+    if passes(np.ones(1))[1][0]:
+        return 1.0
+    clear, lands = passes(_SLOWER)
+    return float(_SLOWER[int(np.argmax(lands if lands.any() else clear))])
+
+
+def _ways(velocity: Array, yaw_rate: float, times_s: Array) -> Array:
+    """Return where a coasting drone may be after ``times_s``, relative to now."""
+    speeds, turns = _FACTORS[:, :1], _FACTORS[:, 1:]
+    angles = yaw_rate * turns * times_s
+    # Displacement per unit of velocity: the integral of the rotation over time.
+    along = speeds * times_s * np.sinc(angles / np.pi)
+    aside = speeds * times_s * np.sinc(angles / (2.0 * np.pi)) * np.sin(angles / 2.0)
+    x, y, z = velocity
+    climbed = z * speeds * times_s
+    return np.stack([along * x - aside * y, aside * x + along * y, climbed], axis=-1)
+
+
+def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
+    """Return the largest share s, at most 1, with |place + s moved| inside the fence throughout."""
+    reach_m = max(config.fence_radius_m - _MARGIN_M, float(np.hypot(place[0], place[1])))
+    a = (moved**2).sum(axis=1)
+    half_b = moved @ place
+    c = min(float(place @ place) - reach_m**2, 0.0)
+    shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
+    return float(np.clip(shares.min(), 0.0, 1.0))
