@@ -150,6 +150,8 @@ def serve(arguments: argparse.Namespace) -> int:
 
 
 async def _serve(arguments: argparse.Namespace) -> int:
+    if arguments.fleet is not None and arguments.fault:
+        raise StartError("--fault is for simulated drones, so not with --fleet")
     settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
     check_runs(settings.runs)
     settings.open_token()
@@ -160,7 +162,12 @@ async def _serve(arguments: argparse.Namespace) -> int:
             sock = bind_port(settings.host, settings.port)
         else:
             sock = bind_port(settings.host, settings.port)
-            wanted = SimulatedFleet(arguments.sim or "robot_dog", arguments.drones, arguments.seed)
+            wanted = SimulatedFleet(
+                arguments.sim or "robot_dog",
+                arguments.drones,
+                arguments.seed,
+                faults=tuple(arguments.fault),
+            )
             fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
         control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
         address = await stack.enter_async_context(console(settings, control, fleet, sock))
@@ -279,6 +286,7 @@ def _parser() -> argparse.ArgumentParser:
     source.add_argument("--fleet", type=Path, help="fleet.toml of real drones")
     source.add_argument("--sim", metavar="SCENE", help=f"simulate: {SCENES} (robot_dog)")
     _drones(part)
+    _faults(part)
     _where(part)
 
     part = _command(commands, "sim", sim, "only the simulated Tellos")

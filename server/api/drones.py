@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header
 from fastapi.responses import Response
@@ -15,7 +15,7 @@ from server.api.command import CommandDesk
 from server.api.messages import DroneReport
 from server.api.problems import ProblemError, described
 from server.api.translate import message_from_event
-from server.mission.commands import DroneCommand, MissionControl
+from server.mission.commands import DroneCommand, MissionControl, StopCommand
 from server.stages import StopControl
 
 logger = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ def make_drones_router(
         if not task.cancelled() and task.exception() is not None:
             logger.error("%s failed", task.get_name(), exc_info=task.exception())
 
-    def stop(command: Literal["hold", "land", "cut_motors"], drone_id: str | None) -> None:
+    def stop(command: StopCommand, drone_id: str | None) -> None:
         match command:
             case "hold":
                 stops.hold(drone_id)
@@ -58,6 +58,11 @@ def make_drones_router(
                 stops.land(drone_id)
             case "cut_motors":
                 stops.cut_motors(drone_id)
+        # Told last: nothing that goes wrong with the news may come before a stop or undo it.
+        try:
+            mission.note_stop(command, drone_id)
+        except Exception:  # The stop is under way, which is what is answered.
+            logger.exception("%s could not be told", command)
 
     # The stops are coroutines without an await: they run on the event loop, at once, and do not
     # queue behind anything for a worker thread.

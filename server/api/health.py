@@ -71,6 +71,16 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
     }
     for name, (text, samples) in gauges.items():
         yield from _family(name, "gauge", text, [({"drone": d.drone_id}, v) for d, v in samples])
+    yield from _family(
+        "dronerf_drone_datagrams_dropped_total",
+        "counter",
+        "Datagrams of a drone that said nothing.",
+        [
+            ({"drone": drone_id, "reason": reason}, float(count))
+            for drone_id, dropped in mission.dropped_datagrams().items()
+            for reason, count in dropped.items()
+        ],
+    )
     running = [r.status for r in mission.captures() if r.status.state in _RUNNING]
     yield from _family(
         "dronerf_captures_running", "gauge", "Unfinished captures.", [({}, float(len(running)))]

@@ -19,8 +19,8 @@ from server.doctor.calibration_report import (
 )
 from server.doctor.config import DoctorConfig, LiveConfig
 from server.doctor.fleet_edit import write_intrinsics
-from server.doctor.live_views import LiveViewsError, collect_views
-from server.swarm.config import DroneConfig
+from server.doctor.live_views import LiveViewsError, collect_views, find_drone
+from server.swarm.config import DroneConfig, FleetConfig
 from server.swarm.fleet_file import FleetFileError, load_fleet
 from server.vision.calibration import Calibration, CalibrationRefusedError, calibrate
 from server.vision.calibration_board import (
@@ -85,11 +85,12 @@ async def run_calibrate(options: CalibrateOptions, stop: asyncio.Event) -> int:
         if options.board_image is not None:
             sys.stderr.write(write_board(board, options.board_image) + "\n")
             return 0
-        drone = _drone(options)
+        fleet = _fleet(options)
+        drone = _drone(fleet, options)
         if options.pictures is not None:
             views = await asyncio.to_thread(views_of_pictures, options.pictures, board)
         else:
-            views = await _live_views(drone, board, options, stop)
+            views = await _live_views(drone, fleet, board, options, stop)
         calibration = await asyncio.to_thread(calibrate, views)
         if options.out_dir is not None:
             write_pictures(options.out_dir, calibration, views)
@@ -110,12 +111,18 @@ async def run_calibrate(options: CalibrateOptions, stop: asyncio.Event) -> int:
     return 0
 
 
-def _drone(options: CalibrateOptions) -> DroneConfig:
-    """Return the drone meant; it is only needed to fly the stream or to name a table."""
+def _fleet(options: CalibrateOptions) -> FleetConfig:
+    """Return the fleet of the drone meant: without a file, one drone at the usual address."""
     source = options.fleet or options.out
     if source is None:
-        return DroneConfig(id=options.drone_id or "drone-1")
-    drones = {drone.id: drone for drone in load_fleet(source).drones}
+        return FleetConfig((DroneConfig(id=options.drone_id or "drone-1"),))
+    return load_fleet(source)
+
+
+def _drone(fleet: FleetConfig, options: CalibrateOptions) -> DroneConfig:
+    """Return the drone meant; it is only needed to fly the stream or to name a table."""
+    source = options.fleet or options.out
+    drones = {drone.id: drone for drone in fleet.drones}
     known = ", ".join(drones)
     if options.drone_id:
         if options.drone_id not in drones:
@@ -176,11 +183,18 @@ def _read_picture(path: Path) -> np.ndarray | None:
 
 
 async def _live_views(
-    drone: DroneConfig, board: Board, options: CalibrateOptions, stop: asyncio.Event
+    drone: DroneConfig,
+    fleet: FleetConfig,
+    board: Board,
+    options: CalibrateOptions,
+    stop: asyncio.Event,
 ) -> Sequence[BoardView]:
     least = CalibrationConfig().views_least
     if options.live.views < least:
         raise CalibrateUsageError(f"--views must be at least {least}, not {options.live.views}")
+    if not drone.address:
+        sys.stderr.write(f"Looking for {drone.id} in {fleet.station.subnet}.\n")
+    drone = await find_drone(drone, fleet)
     sys.stderr.write(
         f"Hold {drone.id} or the board by hand, propellers off is best. Show the board near and"
         " far, in all corners, tilted to all sides; pause in each place. Ctrl-C ends early.\n"

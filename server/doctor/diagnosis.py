@@ -8,6 +8,7 @@ from ipaddress import IPv4Address
 from server.doctor.config import DoctorConfig
 from server.doctor.finding import Finding, Status
 from server.doctor.probe import Probe, VideoSeen
+from server.doctor.reads import READS, not_understood
 from server.swarm.config import AP_ADDRESS, DroneConfig
 
 # Before this level a drone that has joined a network sends no video.
@@ -27,6 +28,7 @@ def diagnose(drone: DroneConfig, probe: Probe, opening: str, config: DoctorConfi
     if found[0].status == "fail":
         return found
     found += _identity(drone, probe)
+    found.append(_reads(probe))
     found += _body(probe, config)
     found.append(_state(drone, probe, opening, config))
     found.append(_video(drone, probe, opening, config))
@@ -82,6 +84,20 @@ def _identity(drone: DroneConfig, probe: Probe) -> Iterator[Finding]:
         yield Finding("serial", "ok", serial)
     else:
         yield Finding("serial", "skip", "it does not tell its serial number")
+
+
+def _reads(probe: Probe) -> Finding:
+    """Judge the answers to the reads; which of them a drone knows depends on its firmware."""
+    detail = f"{len(probe.reads)} of {len(READS)} answered"
+    missing = [question for question in READS if question not in probe.reads]
+    if missing:
+        detail += f", not {', '.join(missing)}"
+    strange = not_understood(probe.reads)
+    if strange:
+        told = ", ".join(f"{probe.reads[question]!r} to {question}" for question in strange)
+        remedy = "update the drone's firmware with its app; a flight goes by the state reports"
+        return Finding("reads", "warn", f"{detail}; not understood: {told}", remedy)
+    return Finding("reads", "ok", detail)
 
 
 def _body(probe: Probe, config: DoctorConfig) -> Iterator[Finding]:

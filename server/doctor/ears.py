@@ -9,19 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import socket
 from collections import Counter
 from collections.abc import Callable
 from typing import cast
 
 from server.doctor.network import open_udp
 from server.swarm.config import DroneConfig
+from server.swarm.ports import VIDEO_BUFFER_BYTES, widen_buffer
 from server.swarm.protocol import ProtocolError, Reply, decode_reply, encode_command
 
 Receiver = Callable[[bytes, float], None]
-
-# A key picture is 25 datagrams at once.
-_BUFFER_BYTES = 4 << 20
 
 
 class _Ear(asyncio.DatagramProtocol):
@@ -68,7 +65,7 @@ class Ears:
         if ear is None:
             opened = open_udp(drone.local_address, drone.interface, port)
             with contextlib.suppress(OSError):
-                opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+                widen_buffer(opened, VIDEO_BUFFER_BYTES)
             ear = _Ear()
             loop = asyncio.get_running_loop()
             await loop.create_datagram_endpoint(lambda: ear, sock=opened)
@@ -138,3 +135,19 @@ async def ask(
         return None
     finally:
         transport.close()
+
+
+async def move_ports(drone: DroneConfig, *, tries: int, wait_s: float) -> None:
+    """Tell a station what the console would tell it: where its reports and its video go.
+
+    Args:
+        drone: Whom to tell; nothing is sent unless it has ports of its own.
+        tries: How often it is sent while it is not answered.
+        wait_s: Wait after each, seconds.
+
+    Raises:
+        OSError: If no socket can be opened.
+    """
+    if drone.moves_ports:
+        text = f"port {drone.state_port} {drone.video_port}"
+        await ask(drone, text, tries=tries, wait_s=wait_s)

@@ -35,11 +35,12 @@ from server.doctor.machine import (
     check_x11,
 )
 from server.doctor.network import (
-    Holder,
+    check_buffer,
     check_port,
     check_route,
     check_shared_networks,
-    read_holders,
+    console_of,
+    read_buffer,
     read_interfaces,
 )
 from server.doctor.probe import probe_drone
@@ -84,7 +85,7 @@ async def examine(subject: Subject) -> AsyncIterator[Finding]:
         detail = "none were asked: name them with --fleet FILE, or simulate some with --sim"
         yield Finding("drones", "skip", detail)
         return
-    console = _console_of(subject.fleet)
+    console = console_of(subject.fleet.drones)
     if console is not None:
         detail = f"left alone: a console has them, {console}"
         yield Finding("drones", "skip", detail, "its dashboard shows them; end it to check here")
@@ -138,21 +139,11 @@ def _network(fleet: FleetConfig) -> Iterator[Finding]:
     if not bad:
         ports = ", ".join(map(str, sorted({port for port, _, _ in places})))
         yield Finding("UDP ports", "ok", f"{ports} are free")
+    yield check_buffer(read_buffer())
     named = [drone.interface for drone in fleet.drones if drone.interface]
     shared = check_shared_networks(named, read_interfaces())
     if shared is not None:
         yield shared
-
-
-def _console_of(fleet: FleetConfig) -> Holder | None:
-    """Return the console of ours that has any of the fleet's ports, None without one."""
-    holders = (
-        holder
-        for drone in fleet.drones
-        for port in (drone.state_port, drone.video_port)
-        for holder in read_holders(port, drone.local_address)
-    )
-    return next((holder for holder in holders if holder.is_console), None)
 
 
 async def _drones(fleet: FleetConfig, config: DoctorConfig) -> AsyncIterator[Finding]:
@@ -213,9 +204,8 @@ def may_scan(network: IPv4Network) -> Finding | None:
 
     A console's drones would be asked in flight, and their reports would tell nothing new.
     """
-    holders = [holder for port in (STATE_PORT, VIDEO_PORT) for holder in read_holders(port, "")]
-    consoles = [holder for holder in holders if holder.is_console]
-    if not consoles:
+    console = console_of([DroneConfig()])  # The usual ports, at any address.
+    if console is None:
         return None
-    detail = f"{network} was not scanned: {consoles[0]} flies drones"
+    detail = f"{network} was not scanned: {console} flies drones"
     return Finding("scan", "skip", detail, "end the console first")

@@ -1,19 +1,24 @@
 """Collects views of a board from the live video of a drone that is held in the hand.
 
-Sent are ``command`` (also to keep the drone awake), ``streamon`` and, if it was off before,
-``streamoff``: nothing that moves. The motors must stand still, before and all the while.
+Sent are ``command`` (also to keep the drone awake), ``port`` where the fleet file asks for it,
+``streamon`` and, if it was off before, ``streamoff``: nothing that moves. The motors must stand
+still, before and all the while. A drone known by its serial number alone is searched for first.
 """
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 
 from server.doctor.config import DoctorConfig, LiveConfig
-from server.doctor.ears import Ears, ask
+from server.doctor.ears import Ears, ask, move_ports
+from server.doctor.network import console_of
 from server.stages import Frame, Telemetry
-from server.swarm.config import DroneConfig
+from server.swarm.config import DroneConfig, FleetConfig
+from server.swarm.ports import LinkError
 from server.swarm.protocol import ProtocolError, decode_state
+from server.swarm.station import find_stations
 from server.swarm.video import VideoDecoder
 from server.vision.calibration_board import BoardFinder, BoardView
 from server.vision.calibration_views import Picked, ViewPicker
@@ -58,6 +63,35 @@ class _Stream:
             )
 
 
+async def find_drone(drone: DroneConfig, fleet: FleetConfig) -> DroneConfig:
+    """Return a drone with its address, which is searched for where the fleet file has none.
+
+    Args:
+        drone: Known by its address or by its serial number.
+        fleet: Whose it is; says which network is searched.
+
+    Raises:
+        LiveViewsError: If no drone in the network has its serial number, or none may be asked.
+    """
+    if drone.address:
+        return drone
+    console = console_of(fleet.drones)
+    if console is not None:
+        raise LiveViewsError(f"{drone.id} is not searched for: a console has the drones, {console}")
+    # Those of the fleet that are known are left alone: they would report here from now on.
+    known = [other.address for other in fleet.drones if other.address]
+    try:
+        found = await find_stations(fleet.station, [drone.serial], through=drone, skip=known)
+    except LinkError as error:
+        raise LiveViewsError(str(error)) from error
+    if drone.serial not in found:
+        raise LiveViewsError(
+            f"{drone.id}: no drone with the serial number {drone.serial} in"
+            f" {fleet.station.subnet}: is it on, and has it joined that network?"
+        )
+    return replace(drone, address=found[drone.serial])
+
+
 async def collect_views(
     drone: DroneConfig,
     finder: BoardFinder,
@@ -70,7 +104,7 @@ async def collect_views(
     """Collect distinct views until there are enough, ``stop`` is set or nothing new comes.
 
     Args:
-        drone: Whose camera it is.
+        drone: Whose camera it is, with its address, see ``find_drone``.
         finder: Finds the board.
         picker: Chooses views.
         live: How many, and how patient.
@@ -129,6 +163,7 @@ async def _begin(
     reply = await ask(drone, "command", tries=waits.tries, wait_s=waits.reply_s)
     if reply is None or reply.kind != "ok":
         raise LiveViewsError(f"{drone.id} does not answer at {drone.address}: see dronerf doctor")
+    await move_ports(drone, tries=waits.tries, wait_s=waits.reply_s)
     # Long enough for the drone's count of motor seconds to show whether they run.
     await asyncio.sleep(live.state_wait_s)
     if not stream.reports:

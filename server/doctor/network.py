@@ -15,6 +15,7 @@ import psutil
 
 from server.doctor.finding import Finding
 from server.swarm.config import DroneConfig
+from server.swarm.ports import VIDEO_BUFFER_BYTES, widen_buffer
 
 _ON_THE_WAY = "join the drone's Wi-Fi (TELLO-...), or mend its address in the fleet file"
 
@@ -110,6 +111,23 @@ def read_holders(port: int, local_address: str) -> list[Holder]:
                 command = ""
         found.append(Holder(entry.pid, command))
     return found
+
+
+def console_of(drones: Iterable[DroneConfig]) -> Holder | None:
+    """Return the console of ours that has any of these drones' local ports, None without one."""
+    holders = (
+        holder
+        for drone in drones
+        for port in (drone.state_port, drone.video_port)
+        for holder in read_holders(port, drone.local_address)
+    )
+    return next((holder for holder in holders if holder.is_console), None)
+
+
+def read_buffer() -> int:
+    """Return how many bytes of unread video the kernel keeps for a socket of ours."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as opened:
+        return widen_buffer(opened, VIDEO_BUFFER_BYTES)
 
 
 def open_udp(local_address: str, interface: str, port: int) -> socket.socket:
@@ -281,3 +299,18 @@ def check_shared_networks(
             f"sudo sysctl -w {lines}",
         )
     return Finding("reverse path filter", "ok", f"{', '.join(shared)} share a network, not strict")
+
+
+def check_buffer(room_bytes: int, needed_bytes: int = VIDEO_BUFFER_BYTES) -> Finding:
+    """Judge the room for video that arrives while the console is busy.
+
+    Args:
+        room_bytes: How many bytes the kernel keeps.
+        needed_bytes: How many the console asks for.
+    """
+    check = "receive buffer"
+    detail = f"{room_bytes / 2**20:.1f} MiB for video that waits to be read"
+    if room_bytes < needed_bytes:
+        detail += f", {needed_bytes / 2**20:.1f} are wanted: a busy moment damages pictures"
+        return Finding(check, "warn", detail, f"sudo sysctl -w net.core.rmem_max={needed_bytes}")
+    return Finding(check, "ok", detail)

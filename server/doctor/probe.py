@@ -7,18 +7,16 @@ stand still, ``streamon`` with ``streamoff`` afterwards.
 from __future__ import annotations
 
 import asyncio
-import re
 from dataclasses import dataclass, field, replace
 
 from server.doctor.config import DoctorConfig
-from server.doctor.ears import Ears, ask
+from server.doctor.ears import Ears, ask, move_ports
+from server.doctor.reads import READS, ask_reads, number_in
 from server.stages import Frame, Telemetry
-from server.swarm.config import STATE_PORT, VIDEO_PORT, DroneConfig
+from server.swarm.config import DroneConfig
 from server.swarm.protocol import ProtocolError, Reply, decode_state
 from server.swarm.video import VideoDecoder
 
-_NUMBER = re.compile(r"-?\d+(\.\d+)?")
-_READS = ("sdk?", "sn?", "battery?", "wifi?")
 _POLL_S = 0.05
 
 
@@ -100,8 +98,7 @@ class Probe:
 
     def number(self, question: str) -> float | None:
         """Return the number a read was answered with, such as 24 of ``24s``; None without one."""
-        found = _NUMBER.match(self.reads.get(question, ""))
-        return float(found[0]) if found else None
+        return number_in(self.reads, question)
 
 
 async def probe_drone(drone: DroneConfig, ears: Ears, config: DoctorConfig) -> Probe:
@@ -145,10 +142,10 @@ async def probe_drone(drone: DroneConfig, ears: Ears, config: DoctorConfig) -> P
         if probe.hello is None or probe.hello.kind != "ok":
             state.strangers = ears.strangers(drone, drone.state_port)
             return probe
-        await _move_ports(drone, config)
+        await move_ports(drone, tries=config.tries, wait_s=config.reply_s)
         heard_s = loop.time()
         state.count, state.first = 0, None
-        reading = asyncio.create_task(_read(drone, config), name=f"reads of {drone.id}")
+        reading = asyncio.create_task(ask_reads(drone, READS, config), name=f"reads of {drone.id}")
         await asyncio.sleep(config.state_s)
         # A copy: reports go on coming while the video is looked at.
         probe.state = replace(
@@ -166,24 +163,6 @@ async def probe_drone(drone: DroneConfig, ears: Ears, config: DoctorConfig) -> P
             await _watch(drone, video, config)
             video.strangers = ears.strangers(drone, drone.video_port)
     return probe
-
-
-async def _move_ports(drone: DroneConfig, config: DoctorConfig) -> None:
-    """Tell a station what the console would tell it: where its reports and its video go."""
-    ports = (drone.state_port, drone.video_port)
-    if drone.link == "station" and ports != (STATE_PORT, VIDEO_PORT):
-        text = f"port {ports[0]} {ports[1]}"
-        await ask(drone, text, tries=config.tries, wait_s=config.reply_s)
-
-
-async def _read(drone: DroneConfig, config: DoctorConfig) -> dict[str, str]:
-    """Ask all reads, one after the other."""
-    answers: dict[str, str] = {}
-    for question in _READS:
-        reply = await ask(drone, question, tries=config.tries, wait_s=config.reply_s)
-        if reply is not None and reply.kind == "value":
-            answers[question] = reply.text
-    return answers
 
 
 async def _watch(drone: DroneConfig, video: VideoSeen, config: DoctorConfig) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from ipaddress import IPv4Address, IPv4Network
 
 from server.doctor.config import DoctorConfig
-from server.doctor.ears import ask
+from server.doctor.reads import ask_reads, number_in
 from server.swarm.config import DroneConfig
 from server.swarm.station import Progress, roll_call
 
@@ -65,11 +65,6 @@ async def scan(
 
 async def _introduce(address: str, config: DoctorConfig) -> FoundDrone:
     drone = replace(DroneConfig(), link="relay", address=address)
-    answers: dict[str, str] = {}
-    for question in ("sn?", "sdk?", "battery?"):
-        reply = await ask(drone, question, tries=config.tries, wait_s=config.reply_s)
-        if reply is not None and reply.kind == "value":
-            answers[question] = reply.text
-    charge = answers.get("battery?", "")
-    battery = float(charge) if charge.isdecimal() else None
-    return FoundDrone(address, answers.get("sn?", ""), answers.get("sdk?", ""), battery)
+    answers = await ask_reads(drone, ("sn?", "sdk?", "battery?"), config)
+    battery_pct = number_in(answers, "battery?")
+    return FoundDrone(address, answers.get("sn?", ""), answers.get("sdk?", ""), battery_pct)

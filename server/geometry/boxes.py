@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# Which coordinates of each of the eight corners are the upper ones.
+_UPPER = np.array([[(i >> axis) & 1 for axis in range(3)] for i in range(8)], bool)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box3:
@@ -52,8 +55,7 @@ class Box3:
     @property
     def corners(self) -> Array:
         """The eight corners ``(8, 3)``."""
-        picks = np.array([[(i >> a) & 1 for a in range(3)] for i in range(8)])
-        return np.where(picks == 1, self.upper, self.lower)
+        return np.where(_UPPER, self.upper, self.lower)
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which ``points`` ``(n, 3)`` lie inside or on the surface."""

@@ -22,6 +22,7 @@ from server.swarm.failsafes import FALLING, Failsafe, FailsafeTable
 
 Mode = Literal["optimized", "standard"]
 DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
+StopCommand = Literal["hold", "land", "cut_motors"]
 # A point x, y or a box left, top, right, bottom, as shares 0 to 1 of a picture.
 PointedPlace = tuple[float, float] | tuple[float, float, float, float]
 
@@ -222,6 +223,14 @@ class MissionControl(Protocol):
 
     def failsafes(self) -> Sequence[Failsafe]:
         """Return the failsafe table, row by row."""
+        ...
+
+    def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
+        """Return, per drone and reason, how many of its datagrams said nothing."""
+        ...
+
+    def note_stop(self, command: StopCommand, drone_id: str | None) -> None:
+        """Tell everybody that an operator has ordered a stop, which is under way already."""
         ...
 
     def note_operator(self) -> None:

@@ -29,6 +29,7 @@ from server.mission.commands import (
     FloorPlan,
     PointedPlace,
     RefusedError,
+    StopCommand,
     UnknownError,
 )
 from server.mission.config import FlightConfig
@@ -71,6 +72,11 @@ logger = logging.getLogger(__name__)
 EyeMaker = Callable[[Drone], Eye]
 
 _REPORT_S = 0.2
+_STOP_WORDS: Mapping[StopCommand, str] = {
+    "hold": "HOLD",
+    "land": "LAND",
+    "cut_motors": "CUT MOTORS",
+}
 _LONGEST_REASON = 300
 _FAILSAFES_KEPT = 50
 # An abort lands the drones somewhere clear of each other; then the program ends all the same.
@@ -279,6 +285,15 @@ class Control:
         """Return the failsafe table, row by row."""
         return self._config.safety.failsafes.rows()
 
+    def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
+        """Return, per drone and reason, how many of its datagrams said nothing."""
+        return {drone_id: drone.dropped for drone_id, drone in self._fleet.drones.items()}
+
+    def note_stop(self, command: StopCommand, drone_id: str | None) -> None:
+        """Tell everybody that an operator has ordered a stop, which is under way already."""
+        whom = "all drones" if drone_id is None else drone_id
+        self.events.publish(Noted("warning", f"{_STOP_WORDS[command]} ordered: {whom}.", drone_id))
+
     def note_operator(self) -> None:
         """Note a sign of life of the operator in command."""
         self._fleet.note_operator()
@@ -329,6 +344,7 @@ class Control:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
                 self._begin_unwatched()
                 self._pilot.place_at_start(drone_id)
+                self.events.publish(Noted("info", "Take-off ordered.", drone_id))
                 await drone.take_off()
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:

@@ -314,7 +314,7 @@ class Wing:
         strongest = min(_WIND_MAX_M_S, _WIND_SHARE * fastest)
         if strength > strongest:
             self.wind *= strongest / strength
-        return _share_flown(velocity_world, self.wind, fastest) * velocity_world - self.wind
+        return share_flown(velocity_world, self.wind, fastest) * velocity_world - self.wind
 
     def was_told(
         self, velocity_world: Array, yaw_rate_rad_s: float, now_s: float, dt_s: float
@@ -351,7 +351,7 @@ class Wing:
         )
 
 
-def _share_flown(velocity: Array, wind: Array, fastest_m_s: float) -> float:
+def share_flown(velocity: Array, wind: Array, fastest_m_s: float) -> float:
     """Return the largest share s, at most 1, with |s velocity - wind| <= ``fastest_m_s``.
 
     What cannot be flown is taken from the wish alone: less against the wind would let it carry the

@@ -9,8 +9,11 @@ from pathlib import Path
 
 from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
 from server.sim.faults import Fault
+from server.sim.sticks import FIRST_STICK
 from server.sim.words import LEVELS, SdkLevel
 from server.swarm.config import DRONE_COLOURS, MAX_DRONES, DroneConfig, FleetConfig
+
+_LARGEST_DEAD_ZONE = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +23,7 @@ class DynamicsConfig:
     Attributes:
         lag_s: Time constant with which velocity follows the sticks, seconds.
         gain_sigma: Spread of each drone's stick gains about the calibration, as a share.
+        dead_zone: Sticks nearer to the centre than this do nothing, 10 to 50 of 100.
         take_off_height_m: Height of the hover after take-off, metres.
         climb_m_s: Speed of take-off, metres per second.
         sink_m_s: Speed of landing, metres per second.
@@ -46,6 +50,7 @@ class DynamicsConfig:
 
     lag_s: float = 0.35
     gain_sigma: float = 0.05
+    dead_zone: float = FIRST_STICK
     take_off_height_m: float = 0.8
     climb_m_s: float = 0.35
     sink_m_s: float = 0.4
@@ -79,6 +84,11 @@ class DynamicsConfig:
         for name in ("flight_time_s", "idle_time_s", "gust_period_s", "gust_s"):
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+        if not FIRST_STICK <= self.dead_zone <= _LARGEST_DEAD_ZONE:
+            raise ValueError(
+                f"dead_zone must be {FIRST_STICK:g} to {_LARGEST_DEAD_ZONE:g},"
+                f" not {self.dead_zone!r}"
+            )
 
     @classmethod
     def calm(cls) -> DynamicsConfig:

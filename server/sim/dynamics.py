@@ -233,8 +233,9 @@ class Airframe:
             return self.manoeuvre.wanted(self._at, dt_s)
         if self.sticks == _CENTRED:
             return _NOWHERE, 0.0
+        dead_zone = self._config.dead_zone
         right, forward, up, clockwise = (
-            self._gains[axis] * stick_speed(axis, self.sticks[axis]) for axis in range(4)
+            self._gains[axis] * stick_speed(axis, self.sticks[axis], dead_zone) for axis in range(4)
         )
         if height_m <= 0.1 and up < 0:
             up = 0.0  # The drone does not push itself into the ground.

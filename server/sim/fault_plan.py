@@ -75,22 +75,17 @@ class FaultPlan:
         """Tell whether a fault of this kind is in force."""
         return any(entry.fault.kind == kind for entry in self._in_force)
 
-    def total(self, kind: str) -> float:
-        """Return the sum of the amounts in force."""
-        return sum(entry.fault.amount for entry in self._in_force if entry.fault.kind == kind)
+    def total(self, *kinds: str) -> float:
+        """Return the sum of the amounts in force of these kinds."""
+        return sum(self._amounts(kinds))
 
-    def share(self, kind: str) -> float:
-        """Return the share that independent faults of this kind take together."""
-        spared = 1.0
-        for entry in self._in_force:
-            if entry.fault.kind == kind:
-                spared *= 1.0 - entry.fault.amount
-        return 1.0 - spared
+    def share(self, *kinds: str) -> float:
+        """Return the share that independent faults of these kinds take together."""
+        return 1.0 - math.prod(1.0 - amount for amount in self._amounts(kinds))
 
     def most(self, kind: str) -> float | None:
         """Return the largest amount in force, None without any."""
-        amounts = [entry.fault.amount for entry in self._in_force if entry.fault.kind == kind]
-        return max(amounts, default=None)
+        return max(self._amounts((kind,)), default=None)
 
     def wind(self, heading_rad: Callable[[], float]) -> Vector:
         """Return the world velocity that winds force on the drone, metres per second.
@@ -106,6 +101,9 @@ class FaultPlan:
                 x += entry.fault.amount * math.cos(entry.heading_rad)
                 y += entry.fault.amount * math.sin(entry.heading_rad)
         return x, y, 0.0
+
+    def _amounts(self, kinds: tuple[str, ...]) -> list[float]:
+        return [entry.fault.amount for entry in self._in_force if entry.fault.kind in kinds]
 
     def _schedule(self, since: str, now_s: float) -> None:
         for entry in self._waiting:

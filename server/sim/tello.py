@@ -253,13 +253,11 @@ class Tello:
                 self._boot_s = now_s + _BOOT_S
             elif fault.kind == "garbage" and not plan.active("garbage"):
                 self._garbage_s = math.inf
-        both = plan.share("loss")
-        self.uplink.loss = 1.0 - (1.0 - both) * (1.0 - plan.share("loss_up"))
-        self.downlink.loss = 1.0 - (1.0 - both) * (1.0 - plan.share("loss_down"))
-        for radio in (self.uplink, self.downlink):
-            radio.delay_s = plan.total("delay")
-            radio.reorder = plan.share("reorder")
-            radio.duplicate = plan.share("duplicate")
+        for radio, way in ((self.uplink, "up"), (self.downlink, "down")):
+            radio.loss = plan.share("loss", f"loss_{way}")
+            radio.delay_s = plan.total("delay", f"delay_{way}")
+            radio.reorder = plan.share("reorder", f"reorder_{way}")
+            radio.duplicate = plan.share("duplicate", f"duplicate_{way}")
         airframe = self.airframe
         airframe.whims.wind = plan.wind(self._direction)
         airframe.sees_floor = not plan.active("no_valid_imu")

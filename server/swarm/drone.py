@@ -16,7 +16,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from server.stages import Frame, Setpoint, Telemetry
 from server.swarm.asking import Asking
@@ -181,6 +181,16 @@ class Drone:
     def stranger(self) -> str:
         """Why what answers is not this drone, for people; empty when nothing speaks against it."""
         return self._connection.stranger
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Datagrams that said nothing, by reason."""
+        channel = self._asking.channel
+        return {
+            "garbage": channel.garbage,
+            "stray_reply": channel.discarded,
+            "bad_state": self.bad_states,
+        }
 
     @property
     def fired(self) -> tuple[Fired, ...]:

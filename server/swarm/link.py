@@ -8,10 +8,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from server.swarm.config import DroneConfig
-from server.swarm.ports import LinkError, Port, PortBoard, Receiver
-
-# A key picture is 25 datagrams at once; a busy event loop may not read for a while.
-_VIDEO_BUFFER_BYTES = 4 << 20
+from server.swarm.ports import VIDEO_BUFFER_BYTES, LinkError, Port, PortBoard, Receiver
 
 
 class DroneLink(Protocol):
@@ -56,7 +53,7 @@ class UdpDroneLink:
         config, board, address = self._config, self._board, self.address
         try:
             await board.join(config, address, config.state_port, on_state)
-            await board.join(config, address, config.video_port, on_video, _VIDEO_BUFFER_BYTES)
+            await board.join(config, address, config.video_port, on_video, VIDEO_BUFFER_BYTES)
             # Replies go to the port a command came from, so every drone gets a port of its own.
             self._command = await board.join(config, address, 0, on_reply)
         except LinkError:

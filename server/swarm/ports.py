@@ -13,11 +13,19 @@ import logging
 import socket
 import time
 from collections.abc import Callable
+from functools import cache
 from typing import cast
 
 from server.swarm.config import DroneConfig
 
 _LOG = logging.getLogger(__name__)
+
+# Room for video that arrives while a busy event loop does not read: four drones send this in three
+# seconds, and a key picture is 25 datagrams at once.
+VIDEO_BUFFER_BYTES = 4 << 20
+
+# Linux's SO_RCVBUFFORCE, for which Python has no name.
+_SO_RCVBUFFORCE = 33
 
 # How often it is looked whether the interfaces are still those that the sockets are bound to.
 _LOOK_S = 1.0
@@ -199,7 +207,9 @@ def bound_socket(config: DroneConfig, port: int, buffer_bytes: int = 0) -> socke
             device = config.interface.encode() + b"\0"
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device)
         if buffer_bytes:
-            bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer_bytes)
+            room_bytes = widen_buffer(bound, buffer_bytes)
+            if room_bytes < buffer_bytes:
+                _tell_of_small_buffer(room_bytes, buffer_bytes)
         bound.bind((config.local_address, port))
     except OSError as error:
         bound.close()
@@ -210,6 +220,41 @@ def bound_socket(config: DroneConfig, port: int, buffer_bytes: int = 0) -> socke
             f" {_reason(error, config)}"
         ) from error
     return bound
+
+
+def widen_buffer(opened: socket.socket, wanted_bytes: int) -> int:
+    """Give a socket room for datagrams that wait to be read; return how many bytes it has got.
+
+    Linux cuts what is asked for at ``net.core.rmem_max`` and says nothing; only a process with the
+    capability CAP_NET_ADMIN may have more.
+
+    Raises:
+        OSError: If the socket takes no such size at all.
+    """
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted_bytes)
+    room_bytes = _room_of(opened)
+    if room_bytes < wanted_bytes:
+        # Without the capability, or on a system that is not Linux, it stays as it is.
+        with contextlib.suppress(OSError):
+            opened.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, wanted_bytes)
+        room_bytes = _room_of(opened)
+    return room_bytes
+
+
+def _room_of(opened: socket.socket) -> int:
+    # Linux reports twice what was set: the other half is for its own bookkeeping.
+    return opened.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+
+@cache  # The limit is the machine's: the first socket says all there is to say.
+def _tell_of_small_buffer(room_bytes: int, wanted_bytes: int) -> None:
+    _LOG.warning(
+        "receive buffers hold %.1f MiB in place of %.1f: video is lost while the machine is busy;"
+        " sudo sysctl -w net.core.rmem_max=%d",
+        room_bytes / 2**20,
+        wanted_bytes / 2**20,
+        wanted_bytes,
+    )
 
 
 def _reason(error: OSError, config: DroneConfig) -> str:

@@ -156,12 +156,12 @@ def limit_setpoint(
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
     velocity = coastable(pose.position_world, velocity, rate, target, config)
     fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
-    limits = _limits(pose.position_world, target, fence_m, config)
+    limits, coastable_velocity = _limits(pose.position_world, target, fence_m, config), velocity
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):
         for limit in limits:
             velocity = limit.apply(velocity)
-    if target is not None:
+    if target is not None and not np.array_equal(velocity, coastable_velocity):
         # What the limits made of it may lead elsewhere: a retreat from the fence to the object.
         velocity = velocity * share_clear(pose.position_world, velocity, rate, target, config)
     return Setpoint(turn.T @ velocity, rate)

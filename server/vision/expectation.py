@@ -17,6 +17,7 @@ _CENTROID_SHARE = 0.15
 _SMALLEST_SIGMA_PX = 20.0
 # Standard deviations that an object's height hardly exceeds its estimate by.
 _SURELY = 1.6
+_PARTLY_BEHIND_M = 0.1
 _NEAREST_M, _FAR_OUTSIDE_PX = 0.2, -1e5
 # Half the extent of an object of unknown size, and how far beyond it the floor is surely free.
 _UNKNOWN_EXTENT_M = 0.4
@@ -44,7 +45,8 @@ def expected_region(
     depth_m = float(depths[0])
     if depth_m < _NEAREST_M:
         return RegionPrior(np.array([_FAR_OUTSIDE_PX, 0.0]), _SMALLEST_SIGMA_PX)
-    size = None if seed is None else _expected_size(seed, pose.T_world_cam, intrinsics)
+    slices = None if seed is None else _seen_slices(seed, pose.T_world_cam, intrinsics)
+    size = None if slices is None else np.ptp(slices.reshape(-1, 2), axis=0)
     yaw_sigma = float(np.sqrt(pose.covariance[3, 3]))
     spread_m = np.hypot(pose.position_sigma_m, target.sigma_m)
     sigma = intrinsics.fx * np.hypot(spread_m / depth_m, yaw_sigma)
@@ -58,7 +60,7 @@ def expected_region(
         return RegionPrior(
             pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), None, ground, (), highest
         )
-    outlines = _outlines(seed, pose.T_world_cam, intrinsics)
+    outlines = () if slices is None else _outlines(slices)
     return RegionPrior(pixels[0], max(float(sigma), _SMALLEST_SIGMA_PX), size, ground, outlines)
 
 
@@ -72,26 +74,16 @@ def _highest_row(pose: CameraPose, target: TargetEstimate, intrinsics: Intrinsic
     return float(pixels[0, 1]) if depths[0] > _NEAREST_M else None
 
 
-def _outlines(
-    seed: SeedGeometry, T_world_cam: NDArray[np.float64], intrinsics: Intrinsics
-) -> tuple[NDArray[np.float64], ...]:
-    """Return the convex outlines of the slices, none when one is partly behind the camera."""
-    outlines = []
-    for box in seed.boxes:
-        pixels, depths = intrinsics.project(box.corners, T_world_cam)
-        if (depths < 0.1).any():
-            return ()
-        hull = cv2.convexHull(pixels.astype(np.float32))
-        outlines.append(hull[:, 0].astype(np.float64))
-    return tuple(outlines)
-
-
-def _expected_size(
+def _seen_slices(
     seed: SeedGeometry, T_world_cam: NDArray[np.float64], intrinsics: Intrinsics
 ) -> NDArray[np.float64] | None:
-    """Return width and height ``(2,)`` of the slices' projection, None when partly behind."""
+    """Return the pixels of the slices' corners ``(n, 8, 2)``, None when one is partly behind."""
     corners = np.concatenate([box.corners for box in seed.boxes])
     pixels, depths = intrinsics.project(corners, T_world_cam)
-    if (depths < 0.1).any():
-        return None
-    return pixels.max(axis=0) - pixels.min(axis=0)
+    return None if (depths < _PARTLY_BEHIND_M).any() else pixels.reshape(-1, 8, 2)
+
+
+def _outlines(slices: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return the convex outline of each slice."""
+    hulls = (cv2.convexHull(pixels.astype(np.float32)) for pixels in slices)
+    return tuple(hull[:, 0].astype(np.float64) for hull in hulls)

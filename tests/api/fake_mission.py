@@ -238,6 +238,8 @@ class FakeMission:
     operator: list[str] = field(default_factory=list)
     mission_config: MissionConfig = field(default_factory=MissionConfig)
     parts: dict[str, PriorityPart] = field(default_factory=dict)
+    stops_told: list[tuple[str, str | None]] = field(default_factory=list)
+    speechless: bool = False
 
     def drones(self) -> list[DroneReported]:
         return [self.reports.get(drone_id) or drone_report(drone_id) for drone_id in DRONES]
@@ -274,6 +276,14 @@ class FakeMission:
             self.parts.clear()
         elif self.parts.pop(part_id, None) is None:
             raise UnknownError(f"there is no part of priority {part_id!r}")
+
+    def dropped_datagrams(self) -> dict[str, dict[str, int]]:
+        return {"drone-1": {"garbage": 3, "bad_state": 0}}
+
+    def note_stop(self, command: str, drone_id: str | None) -> None:
+        if self.speechless:
+            raise RuntimeError("nothing can be told")
+        self.stops_told.append((command, drone_id))
 
     def note_operator(self) -> None:
         self.operator.append("here")

@@ -80,6 +80,15 @@ async def test_stops_of_one_drone_bypass_the_mission(console: Console, command: 
     is_problem(unknown, 404)
     assert console.stops.calls == [(command, "drone-2")]
     assert console.mission.calls == []
+    assert console.mission.stops_told == [(command, "drone-2")]
+
+
+async def test_a_stop_counts_even_where_it_cannot_be_told(console: Console) -> None:
+    console.mission.speechless = True
+    async with console.client() as client:
+        response = await client.post("/api/v1/fleet/land")
+    assert response.status_code == 202
+    assert console.stops.calls == [("land", None)]
 
 
 async def test_other_commands_go_to_the_mission(console: Console) -> None:
@@ -403,6 +412,8 @@ async def test_health_is_open_and_metrics_are_not(console: Console) -> None:
     assert 'dronerf_drone_battery_ratio{drone="drone-1"} 0.8' in text
     assert "dronerf_capture_progress_ratio 0.25" in text
     assert "dronerf_stream_clients 0" in text
+    dropped = "dronerf_drone_datagrams_dropped_total"
+    assert f'{dropped}{{drone="drone-1",reason="garbage"}} 3' in text
 
 
 async def test_the_dashboard_is_served_when_built(console: Console) -> None:

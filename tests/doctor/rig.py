@@ -14,15 +14,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from server.doctor.reads import READS
 from server.sim.config import DynamicsConfig, SimConfig, fleet_config
 from server.sim.drone import SimulatedDrone
 from server.sim.encoder import VideoEncoder
+from server.sim.words import SdkLevel
 from server.swarm.config import DroneConfig, FleetConfig
 
 FPS = 15.0
 
 # What the doctor and a calibration may say to a drone.
-HARMLESS = {"command", "sdk?", "sn?", "battery?", "wifi?", "streamon", "streamoff"}
+HARMLESS = {"command", "streamon", "streamoff", *READS}
 
 
 @dataclass(slots=True)
@@ -61,6 +63,9 @@ async def rig(
     each: int = 1,
     dynamics: DynamicsConfig | None = None,
     lost: Callable[[int], bool] = lambda number: False,
+    sdk: SdkLevel = "3.0",
+    friendly_reads: bool = False,
+    station: bool = False,
 ) -> AsyncIterator[Rig]:
     """Run simulated drones.
 
@@ -70,11 +75,17 @@ async def rig(
         each: Every picture is sent so many times.
         dynamics: How they fly and how full they are.
         lost: Whether the video datagram with this number gets lost.
+        sdk: Which protocol they speak.
+        friendly_reads: Whether they answer reads with bare whole numbers.
+        station: Whether they have joined a network.
     """
     config = SimConfig(
         drones=drones,
         base_address=f"{some_block()}.1",
         dynamics=dynamics if dynamics is not None else DynamicsConfig(),
+        sdk=sdk,
+        friendly_reads=friendly_reads,
+        station=station,
     )
     made = Rig([], fleet_config(config))
     async with contextlib.AsyncExitStack() as stack:

@@ -19,13 +19,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
-from rig import HARMLESS, rig
+from rig import HARMLESS, Rig, rig
 
+from server.doctor import network
 from server.doctor.board_sheet import SheetError, write_board
 from server.doctor.calibrate import CalibrateOptions, run_calibrate, views_of_pictures
 from server.doctor.calibration_report import coverage_map
 from server.doctor.config import DoctorConfig, LiveConfig
 from server.doctor.fleet_edit import write_intrinsics
+from server.doctor.network import Holder
 from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
 from server.swarm.fleet_file import FleetFileError, load_fleet
 from server.vision.calibration_board import BoardFinder, parse_board
@@ -136,6 +138,66 @@ async def test_from_a_live_drone_in_the_hand(
     assert load_fleet(fleet).drones[0].intrinsics.fx == pytest.approx(result["fx"], abs=1e-3)
     assert set(made.heard) <= HARMLESS
     assert (streaming, phase) == (False, "standing")
+
+
+def station_file(folder: Path, made: Rig, serial: str) -> Path:
+    """Write the fleet file of a station known by its serial number, with ports of its own."""
+    drone = made.config
+    fleet = folder / "fleet.toml"
+    fleet.write_text(
+        f'[station]\nsubnet = "{drone.address.rsplit(".", 1)[0]}.0/29"\n'
+        f'[[drones]]\nid = "red"\nlink = "station"\nserial = "{serial}"\n'
+        f'local_address = "{drone.local_address}"\nstate_port = 8990\nvideo_port = 11990\n'
+    )
+    return fleet
+
+
+@pytest.mark.loopback
+@pytest.mark.slow
+async def test_a_station_known_by_its_serial_number_is_found_and_told_its_ports(
+    tmp_path: Path, pictures: list[NDArray[np.uint8]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    async with rig(pictures=pictures, each=14, station=True) as made:
+        serial = made.drones[0].sdk._serial
+        options = CalibrateOptions(BOARD, fleet=station_file(tmp_path, made, serial))
+        stop = asyncio.Event()
+        running = asyncio.create_task(run_calibrate(options, stop))
+        told = ""
+        async with asyncio.timeout(60.0):
+            while "views 1 of" not in told and not running.done():
+                await asyncio.sleep(0.05)
+                told += capsys.readouterr().err
+            stop.set()
+            assert await running == 1
+        streaming = made.drones[0].sdk.streaming
+    told += capsys.readouterr().err
+    assert "Looking for red in 127." in told
+    assert "too few" in told, "it was ended early, but its reports and its video had come"
+    assert set(made.heard) - HARMLESS == {"port 8990 11990"}
+    assert not streaming
+
+
+@pytest.mark.loopback
+@pytest.mark.slow
+async def test_a_serial_number_nobody_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async with rig(station=True) as made:
+        assert await calibrate(fleet=station_file(tmp_path, made, "0TQDG3UEDBSP12")) == 1
+    assert "no drone with the serial number 0TQDG3UEDBSP12 in 127." in capsys.readouterr().err
+    assert set(made.heard) <= HARMLESS
+
+
+@pytest.mark.loopback
+async def test_nothing_is_searched_beside_a_running_console(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console = Holder(4711, "/x/bin/python /x/bin/dronerf serve --fleet f.toml")
+    monkeypatch.setattr(network, "read_holders", lambda port, where: [console])
+    async with rig(station=True) as made:
+        assert await calibrate(fleet=station_file(tmp_path, made, "0TQDG3UEDBSP12")) == 1
+    assert "a console has the drones, process 4711" in capsys.readouterr().err
+    assert made.heard == []
 
 
 @pytest.mark.loopback

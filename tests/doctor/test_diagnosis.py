@@ -119,6 +119,52 @@ def test_a_weak_signal() -> None:
     assert about(probe)["Wi-Fi"].status == "warn"
 
 
+EVERY_READ = {
+    "sdk?": "30",
+    "sn?": "0TQDG3UEDBSP12",
+    "battery?": "87",
+    "wifi?": "90",
+    "speed?": "100.0",
+    "time?": "24s",
+    "height?": "15dm",
+    "temp?": "85~88C",
+    "attitude?": "pitch:0;roll:-1;yaw:0;",
+    "baro?": "-102.865509",
+    "acceleration?": "agx:-5.00;agy:7.00;agz:-999.00;",
+    "tof?": "875mm",
+}
+FRIENDLY = {"battery?": "87%", "speed?": "100", "time?": "24", "height?": "150", "temp?": "88"}
+
+
+@pytest.mark.parametrize("other", [{}, FRIENDLY])
+def test_reads_are_understood_in_both_formats(other: dict[str, str]) -> None:
+    probe = healthy()
+    probe.reads = EVERY_READ | other
+    assert (about(probe)["reads"].status, about(probe)["reads"].detail) == (
+        "ok",
+        "12 of 12 answered",
+    )
+    probe.state = StateHeard(seconds=2.0)
+    assert about(probe)["battery"].detail == "87 %"
+
+
+def test_a_read_that_a_drone_does_not_know_is_no_failure() -> None:
+    probe = healthy()
+    probe.reads = {key: text for key, text in EVERY_READ.items() if key not in ("sdk?", "sn?")}
+    assert about(probe)["reads"].status == "ok"
+    assert about(probe)["reads"].detail == "10 of 12 answered, not sdk?, sn?"
+
+
+def test_an_answer_in_no_known_form_is_named() -> None:
+    probe = healthy()
+    probe.reads = EVERY_READ | {"temp?": "85-88K", "time?": "15dm"}
+    found = about(probe)["reads"]
+    assert found.status == "warn"
+    assert found.detail.startswith("12 of 12 answered; not understood: ")
+    assert "'15dm' to time?" in found.detail
+    assert "'85-88K' to temp?" in found.detail
+
+
 def test_running_motors() -> None:
     probe = healthy()
     probe.state.newest = replace(STATE, motor_time_s=26.0)
@@ -188,8 +234,19 @@ def test_quality_of_video(pictures: int, damaged: int, first_s: float | None, st
     assert about(probe)["video"].status == status
 
 
-@pytest.mark.parametrize(("text", "number"), [("24s", 24.0), ("100.0", 100.0), ("87", 87.0)])
-def test_numbers_in_replies(text: str, number: float) -> None:
-    assert Probe(reads={"time?": text}).number("time?") == number
-    assert Probe(reads={"time?": "ok"}).number("time?") is None
-    assert Probe().number("time?") is None
+@pytest.mark.parametrize(
+    ("question", "text", "number"),
+    [
+        ("time?", "24s", 24.0),
+        ("speed?", "100.0", 100.0),
+        ("battery?", "87", 87.0),
+        ("battery?", "87%", 87.0),
+        ("height?", "15dm", 1.5),
+        ("time?", "15dm", None),
+        ("temp?", "85~88C", None),
+        ("battery?", "ok", None),
+    ],
+)
+def test_numbers_in_replies(question: str, text: str, number: float | None) -> None:
+    assert Probe(reads={question: text}).number(question) == number
+    assert Probe().number(question) is None

@@ -16,9 +16,11 @@ import pytest
 from server.doctor.network import (
     Holder,
     Interface,
+    check_buffer,
     check_port,
     check_route,
     check_shared_networks,
+    read_buffer,
     read_holders,
     read_interfaces,
     read_rp_filter,
@@ -150,6 +152,15 @@ def test_the_stricter_filter_counts(tmp_path: Path) -> None:
     assert read_rp_filter("wlan1", tmp_path) == 1
     assert read_rp_filter("wlan2", tmp_path) == 2
     assert read_rp_filter("wlan3", tmp_path) is None
+
+
+def test_the_room_for_video() -> None:
+    assert check_buffer(4 << 20).status == "ok"
+    found = check_buffer(212992)
+    assert found.status == "warn"
+    assert "0.2 MiB" in found.detail
+    assert found.remedy == "sudo sysctl -w net.core.rmem_max=4194304"
+    assert read_buffer() > 0
 
 
 def test_this_machine_has_a_loopback() -> None:

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 from rig import HARMLESS, rig, some_block
 
-from server.doctor import examination
+from server.doctor import network
 from server.doctor.command import run_doctor
 from server.doctor.config import DoctorConfig
 from server.doctor.examination import Subject, examine, may_scan, named_by_scan
 from server.doctor.finding import Finding
 from server.doctor.network import Holder
+from server.doctor.reads import READS
 from server.doctor.scan import parse_subnet, scan
 from server.sim.config import DynamicsConfig
 from server.swarm.config import DroneConfig, FleetConfig, StationConfig
@@ -64,6 +65,30 @@ async def test_two_healthy_drones(tmp_path: Path) -> None:
     assert set(made.heard) <= HARMLESS
     assert streaming == [False, False], "the video was off before, so it is off afterwards"
     assert standing == ["standing", "standing"]
+
+
+@pytest.mark.parametrize("friendly", [False, True])
+async def test_every_read_is_understood_in_both_formats(tmp_path: Path, friendly: bool) -> None:
+    async with rig(friendly_reads=friendly) as made:
+        found = await findings_about_drones(made.fleet, PATIENT, tmp_path)
+    reads = found["drone-1", "reads"]
+    assert (reads.status, reads.detail) == ("ok", "12 of 12 answered")
+    assert set(READS) < set(made.heard) <= HARMLESS
+
+
+async def test_a_consumer_drone_does_not_know_all_reads(tmp_path: Path) -> None:
+    async with rig(sdk="1.3") as made:
+        found = await findings_about_drones(made.with_drone(edu=False), PATIENT, tmp_path)
+    reads = found["drone-1", "reads"]
+    assert (reads.status, reads.detail) == ("ok", "10 of 12 answered, not sdk?, sn?")
+
+
+async def test_a_station_with_ports_of_its_own_is_told_them(tmp_path: Path) -> None:
+    async with rig(station=True) as made:
+        fleet = made.with_drone(link="station", state_port=8990, video_port=11990)
+        found = await findings_about_drones(fleet, TOLERANT, tmp_path)
+    assert [found["drone-1", check].status for check in ("state", "video")] == ["ok", "ok"]
+    assert set(made.heard) - HARMLESS == {"port 8990 11990"}
 
 
 async def test_nobody_there(tmp_path: Path) -> None:
@@ -197,6 +222,20 @@ async def test_a_scan_finds_drones_and_says_who_they_are() -> None:
     assert named_by_scan(fleet, serials).drones[0].address == f"{block}.3"
 
 
+async def test_a_scan_understands_a_charge_with_its_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    async with rig() as made:
+        sdk = made.drones[0].sdk
+        told = sdk._read
+
+        def with_unit(name: str) -> str:
+            return "87%\r\n" if name == "battery" else told(name)
+
+        monkeypatch.setattr(sdk, "_read", with_unit)
+        address = made.config.address.rsplit(".", 1)[0]
+        found = await scan(parse_subnet(f"{address}.0/30"), PATIENT, lambda *numbers: None)
+    assert [drone.battery_pct for drone in found] == [87.0]
+
+
 async def test_an_empty_subnet() -> None:
     network = parse_subnet(f"{some_block()}.0/29")
     assert await scan(network, HURRIED, lambda *numbers: None) == []
@@ -231,7 +270,7 @@ async def test_a_running_console_is_left_alone(
 ) -> None:
     console = Holder(4711, "/x/bin/python /x/bin/dronerf serve --fleet f.toml")
     async with rig() as made:
-        monkeypatch.setattr(examination, "read_holders", lambda port, where: [console])
+        monkeypatch.setattr(network, "read_holders", lambda port, where: [console])
         subject = Subject(made.fleet, tmp_path, tmp_path, replace(HURRIED, gpu_s=0.01))
         findings = [finding async for finding in examine(subject)]
         refusal = may_scan(parse_subnet("192.168.1.0/24"))

@@ -8,10 +8,10 @@ from collections.abc import Awaitable, Callable
 import numpy as np
 import pytest
 
-from server.sim.air import LATENCY_S, AirLink
+from server.sim.air import DRIVER, LATENCY_S, AirLink
 from server.sim.config import SimConfig, fleet_config
 from server.sim.faults import parse_fault
-from server.sim.tello import Tello
+from server.sim.tello import Outgoing, Tello
 from server.sim.virtual_time import in_virtual_time
 from server.swarm.fleet import Fleet
 from server.swarm.link import DroneLink
@@ -115,6 +115,84 @@ def test_loss_on_the_way_up_and_down_are_two_things() -> None:
         await asyncio.sleep(6.0)
         assert deaf.tello.airframe.phase == "standing"
         assert len(deaf_ears.states) - heard == pytest.approx(60, abs=1)
+
+    in_virtual_time(fly())
+
+
+def test_delay_on_the_way_up_and_down_are_two_things() -> None:
+    async def fly() -> None:
+        ears, link = Ears(), AirLink(drone("delay_down=1@1"))
+        await ears.listen(link)
+        link.send(b"command")
+        await asyncio.sleep(1.5)
+        link.send(b"takeoff")
+        heard = len(ears.states)
+        await asyncio.sleep(0.45)
+        assert link.tello.airframe.phase == "taking_off", "the order is there at once"
+        assert len(ears.states) == heard, "what it reports is still under way"
+        await asyncio.sleep(1.0)
+        assert len(ears.states) > heard
+
+        slow_ears, slow = Ears(), AirLink(drone("delay_up=1@1"))
+        await slow_ears.listen(slow)
+        slow.send(b"command")
+        await asyncio.sleep(1.5)
+        slow.send(b"takeoff")
+        heard = len(slow_ears.states)
+        await asyncio.sleep(0.95)
+        assert slow.tello.airframe.phase == "standing", "the order is still under way"
+        assert len(slow_ears.states) - heard == pytest.approx(9, abs=1)
+        await asyncio.sleep(0.4)
+        assert slow.tello.airframe.phase == "taking_off"
+
+    in_virtual_time(fly())
+
+
+def test_copies_on_the_way_up_and_down_are_two_things() -> None:
+    async def fly() -> None:
+        for fault, copies in (("duplicate_up=1@1", 1), ("duplicate_down=1@1", 2)):
+            ears, link = Ears(), AirLink(drone(fault))
+            await ears.listen(link)
+            link.send(b"command")
+            await asyncio.sleep(1.5)
+            ears.replies.clear()
+            ears.states.clear()
+            link.send(b"battery?")
+            await asyncio.sleep(2.0)
+            answers = [data for _, data in ears.replies]
+            assert answers == [b"100\r\n"] * 2, "a copy heard is answered as well"
+            assert len(ears.states) == pytest.approx(20 * copies, abs=copies)
+
+    in_virtual_time(fly())
+
+
+@pytest.mark.parametrize(
+    ("fault", "swapped"), [("reorder_up=0.3", True), ("reorder_down=0.3", False)]
+)
+def test_reordering_on_one_way_leaves_the_other_in_order(
+    fault: str, swapped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def fly() -> None:
+        ears, link = Ears(), AirLink(drone(fault))
+        await ears.listen(link)
+        link.send(b"command")
+        await asyncio.sleep(1.0)
+        ears.replies.clear()
+        heard: list[bytes] = []
+
+        def listen(datagram: bytes, *_: object) -> list[Outgoing]:
+            heard.append(datagram)
+            return [Outgoing(datagram, DRIVER, "reply")]
+
+        monkeypatch.setattr(link.tello, "receive", listen)
+        said = [b"%03d" % number for number in range(100)]
+        for datagram in said:
+            link.send(datagram)
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(1.0)
+        echoed = [data for _, data in ears.replies]
+        assert sorted(heard) == sorted(echoed) == said
+        assert (heard != said, echoed != heard) == (swapped, not swapped)
 
     in_virtual_time(fly())
 

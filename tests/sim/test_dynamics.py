@@ -105,6 +105,33 @@ def test_stick_speeds_are_those_of_the_calibration(axis: int, stick: float, spee
     assert stick_speed(axis, -stick) == pytest.approx(-speed)
 
 
+@pytest.mark.parametrize("axis", range(4))
+def test_a_dead_zone_swallows_sticks_inside_and_leaves_those_outside(axis: int) -> None:
+    for stick in (11.0, 19.9, -19.9):
+        assert stick_speed(axis, stick) != 0.0
+        assert stick_speed(axis, stick, 20.0) == 0.0
+    for stick in (20.0, -20.0, 26.0, 100.0):
+        assert stick_speed(axis, stick, 20.0) == stick_speed(axis, stick) != 0.0
+
+
+def test_a_drone_with_a_larger_dead_zone_stands_still_for_longer() -> None:
+    body = hovering(replace(CALM, dead_zone=20.0))
+    body.sticks = (19.0, -19.0, 19.0, 19.0)
+    before, yaw_rad = body.position, body.yaw_rad
+    fly(body, 2.0)
+    np.testing.assert_allclose(body.position, before, atol=0.03)  # The climb's last centimetres.
+    assert body.yaw_rad == yaw_rad
+    body.sticks = (0.0, 21.0, 0.0, 0.0)
+    fly(body, 3.0)
+    assert body.velocity[0] == pytest.approx(stick_speed(1, 21.0), rel=0.01)
+
+
+@pytest.mark.parametrize("dead_zone", [9.9, 50.1, math.inf, math.nan])
+def test_senseless_dead_zones_are_refused_by_name(dead_zone: float) -> None:
+    with pytest.raises(ValueError, match="dead_zone"):
+        DynamicsConfig(dead_zone=dead_zone)
+
+
 @pytest.mark.parametrize("name", ["forward", "left", "up", "turn"])
 def test_driver_and_simulator_invert_each_other(name: str) -> None:
     """Two tables of one calibration: a wish comes back as that speed, rounded to whole sticks."""

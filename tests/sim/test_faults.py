@@ -22,6 +22,9 @@ from server.sim.radio import Radio
         ("loss=0.1", Fault("loss", 0.1)),
         ("loss", Fault("loss", 0.1)),
         ("loss_down=0.2@30+10:drone-2", Fault("loss_down", 0.2, 30.0, 10.0, "drone-2")),
+        ("delay_up@air+3", Fault("delay_up", 0.2, 3.0, since="air")),
+        ("reorder_down=0.3@5+1", Fault("reorder_down", 0.3, 5.0, 1.0)),
+        ("duplicate_up:drone-2", Fault("duplicate_up", 0.1, drone="drone-2")),
         ("reboot@40:drone-1", Fault("reboot", 0.0, 40.0, math.inf, "drone-1")),
         ("power_cut@air+20", Fault("power_cut", at_s=20.0, since="air")),
         ("power_cut@air+20+5", Fault("power_cut", at_s=20.0, for_s=5.0, since="air")),
@@ -44,6 +47,9 @@ def test_faults_in_one_word(text: str, fault: Fault) -> None:
         ("lose=0.1", "no_valid_imu"),
         ("loss=1.1", "loss.*0 to 1"),
         ("loss=x", "no fault"),
+        ("delay_down=11", "delay_down.*0 to 10"),
+        ("duplicate_up=1.1", "duplicate_up.*0 to 1"),
+        ("delay_sideways=1", "no fault"),
         ("loss=-1", "no fault"),
         ("loss=0.1@30+0", "for_s"),
         ("reboot=3", "reboot takes no amount"),
@@ -104,10 +110,21 @@ def test_a_plan_begins_and_ends_its_faults_in_time() -> None:
 
 
 def test_shares_add_up_as_independent_chances() -> None:
-    plan = FaultPlan([Fault("loss", 0.5), Fault("loss", 0.2)])
+    plan = FaultPlan([Fault("loss", 0.5), Fault("loss", 0.2), Fault("loss_up", 0.25)])
     plan.start(0.0)
     plan.turn(0.0)
     assert plan.share("loss") == pytest.approx(0.6)
+    assert plan.share("loss", "loss_up") == pytest.approx(0.7)
+    assert plan.share("loss_down") == 0.0
+
+
+def test_totals_are_sums() -> None:
+    plan = FaultPlan([Fault("delay", 0.5), Fault("delay", 0.2), Fault("delay_down", 0.1)])
+    plan.start(0.0)
+    plan.turn(0.0)
+    assert plan.total("delay") == pytest.approx(0.7)
+    assert plan.total("delay", "delay_down") == pytest.approx(0.8)
+    assert plan.total("delay_up") == 0.0
 
 
 # The air -----------------------------------------------------------------------------------------

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from server.sim.config import DynamicsConfig, SimConfig
 from server.sim.faults import parse_fault
+from server.sim.radio import Radio
 from server.sim.tello import STEP_S, Outgoing, Tello
 from server.sim.words import SdkLevel
 
@@ -237,15 +239,42 @@ def test_garbage_comes_after_command_and_now_and_then() -> None:
     assert 20 < len(more) < 60
 
 
+def spoilt(radio: Radio[Any]) -> dict[str, float]:
+    """Return what is wrong with a radio, by the names of its attributes."""
+    names = ("loss", "delay_s", "reorder", "duplicate")
+    return {name: getattr(radio, name) for name in names if getattr(radio, name) != 0.0}
+
+
 def test_faults_of_the_radio_reach_both_channels() -> None:
-    flight = Flight("loss=0.5", "loss_up=0.2", "delay=0.3@0+5", "reorder=0.1", "duplicate=0.2")
-    tello = flight.tello
-    assert tello.uplink.loss == pytest.approx(0.6)
-    assert tello.downlink.loss == pytest.approx(0.5)
-    assert (tello.uplink.delay_s, tello.downlink.delay_s) == (0.3, 0.3)
-    assert (tello.uplink.reorder, tello.downlink.duplicate) == pytest.approx((0.1, 0.2))
+    flight = Flight("loss=0.5", "delay=0.3@0+5", "reorder=0.1", "duplicate=0.2")
+    everything = {"loss": 0.5, "delay_s": 0.3, "reorder": 0.1, "duplicate": 0.2}
+    assert spoilt(flight.tello.uplink) == pytest.approx(everything)
+    assert spoilt(flight.tello.downlink) == pytest.approx(everything)
     flight.wait(5.1)
-    assert tello.uplink.delay_s == 0.0
+    del everything["delay_s"]
+    assert spoilt(flight.tello.uplink) == pytest.approx(everything)
+    assert spoilt(flight.tello.downlink) == pytest.approx(everything)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "together"),
+    [
+        ("loss", "loss", 0.6),
+        ("delay", "delay_s", 0.7),
+        ("reorder", "reorder", 0.6),
+        ("duplicate", "duplicate", 0.6),
+    ],
+)
+def test_a_fault_of_one_way_spares_the_other(kind: str, name: str, together: float) -> None:
+    """With one of both ways, shares are independent chances and seconds add up."""
+    up, down = Flight(f"{kind}_up=0.2@0+5").tello, Flight(f"{kind}_down=0.2").tello
+    assert (spoilt(up.uplink), spoilt(up.downlink)) == (pytest.approx({name: 0.2}), {})
+    assert (spoilt(down.uplink), spoilt(down.downlink)) == ({}, pytest.approx({name: 0.2}))
+    flight = Flight(f"{kind}=0.5", f"{kind}_up=0.2@0+5")
+    assert spoilt(flight.tello.uplink) == pytest.approx({name: together})
+    assert spoilt(flight.tello.downlink) == pytest.approx({name: 0.5})
+    flight.wait(5.1)
+    assert spoilt(flight.tello.uplink) == pytest.approx({name: 0.5})
 
 
 def test_no_video_is_a_dark_camera() -> None:

@@ -72,6 +72,7 @@ def test_a_drone_that_holds_for_a_failsafe_still_evades_slowly_and_then_goes_on(
     [
         replace(WELL, fence_m=1.2),
         replace(WELL, ceiling_m=1.2),
+        replace(WELL, floor_m=0.22),
         replace(WELL, pose_sigma_m=1.6),
         replace(WELL, pose_sigma_m=float("nan")),
     ],
@@ -106,6 +107,72 @@ def test_a_pilot_that_dies_leaves_a_drone_that_hovers_and_lands() -> None:
             await drone.take_off()
             await asyncio.sleep(12.0)
             assert drone.activity == "flying", "the flight before is forgotten"
+
+    in_virtual_time(story())
+
+
+def test_a_drone_that_reports_but_does_not_hear_is_noticed() -> None:
+    async def story() -> None:
+        link = AirLink()
+        async with flying_drone(link) as drone:
+            await fly(drone, WELL, 3.0)
+            assert drone.fired == ()
+            link.loses = lambda _: True
+            await fly(drone, WELL, 3.0)
+            assert drone.fired == ()
+            await fly(drone, WELL, 2.0)
+            assert events(drone) == {"link_age_s"}
+            assert drone.activity == "holding"
+            link.loses = lambda _: False
+            await fly(drone, WELL, 1.5)
+            assert drone.activity == "flying", "it hears again"
+            link.loses = lambda _: True
+            await fly(drone, WELL, 11.0)
+            assert drone.activity == "landing"
+            link.loses = lambda _: False
+            await asyncio.sleep(8.0)
+            assert link.airframe.phase == "standing"
+
+    in_virtual_time(story())
+
+
+def test_a_drone_that_answers_nothing_in_flight_is_not_believed_deaf() -> None:
+    async def story() -> None:
+        link = AirLink()
+        async with flying_drone(link) as drone:
+            link.loses = lambda datagram: datagram == b"battery?"
+            # What was asked before the take-off does not count for this flight.
+            await fly(drone, WELL, 15.0)
+            assert drone.fired == ()
+
+    in_virtual_time(story())
+
+
+def test_a_busy_radio_makes_no_drone_deaf() -> None:
+    """A fifth of all datagrams lost each way: questions are asked often enough."""
+
+    async def story() -> None:
+        link = AirLink(faults=("loss=0.2",))
+        async with flying_drone(link) as drone:
+            held_s = 0.0
+            for _ in range(120):
+                await fly(drone, WELL, 0.5)
+                held_s += 0.5 * any(e == "link_age_s" for e in events(drone))
+            assert held_s < 2.0
+
+    in_virtual_time(story())
+
+
+def test_questions_in_flight_are_few_and_never_disturb_a_landing() -> None:
+    async def story() -> None:
+        link = AirLink()
+        async with flying_drone(link) as drone:
+            begun_s = now_s()
+            await fly(drone, WELL, 10.0)
+            assert 15 <= link.since(begun_s).count(b"battery?") <= 21
+            landing_s = now_s()
+            await drone.land()
+            assert b"battery?" not in link.since(landing_s)
 
     in_virtual_time(story())
 

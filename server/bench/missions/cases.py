@@ -18,7 +18,7 @@ _ALWAYS = ("take_off", *_FLIGHT, "land")
 # Fault as the simulator reads it, and the phases in which it can hurt.
 DRONE_FAULTS: dict[str, tuple[str, ...]] = {
     "loss=1.0@0+6": _FLIGHT,
-    "loss=1.0": _FLIGHT,
+    "loss=1.0": _ALWAYS,
     "loss_up=1.0": ("fly", "land"),
     "loss_down=1.0": ("fly", "land"),
     "delay=0.3": ("take_off", "fly"),
@@ -28,12 +28,12 @@ DRONE_FAULTS: dict[str, tuple[str, ...]] = {
     "garbage": ("take_off", "fly"),
     "reboot": _ALWAYS,
     "power_cut": _ALWAYS,
-    "no_valid_imu": _FLIGHT,
+    "no_valid_imu": _ALWAYS,
     "high_temperature": _FLIGHT,
-    "low_battery=12": _FLIGHT,
+    "low_battery=12": _ALWAYS,
     "stays_down": ("take_off",),
-    "gust=0.5@0+6": _FLIGHT,
-    "drift_away=0.4": _FLIGHT,
+    "gust=0.5@0+6": _ALWAYS,
+    "drift_away=0.4": _ALWAYS,
     "no_video": _FLIGHT,
 }
 CONSOLE_FAULTS: dict[str, tuple[str, ...]] = {
