@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
+from server.geometry.cameras import Intrinsics
 from server.mission.config import MissionConfig
 from server.mission.events import EventStream, SeedFitted
 from server.mission.eyes import Eye, Sight
 from server.mission.pilot import Pilot
 from server.mission.state import MissionState
-from server.stages import View
+from server.stages import CameraPose, SeedGeometry, View
 from server.swarm.fleet import Fleet
 from server.vision.config import SeedConfig
 from server.vision.seed import kept_within, refine_seed, seed_from_views
@@ -85,16 +86,13 @@ class Seeding:
             self._refining.cancel()
 
     async def _refine(self) -> None:
-        # The outer box stays: the planned viewpoints keep clear of that one, and a wall that
-        # moves must not come upon a drone that hovers beside it.
         state = self._state
         assert state.seed is not None
         while state.seed.views < len(state.views):
             views = tuple(state.views)
-            refined = await asyncio.to_thread(refine_seed, state.seed, views, self._config)
-            if refined.views <= state.seed.views:
-                return  # These views make no geometry.
-            refined = kept_within(refined, state.seed.outer)
+            refined = await asyncio.to_thread(refined_seed, state.seed, views, self._config)
+            if refined is None:
+                return
             # The operator may have set priorities meanwhile.
             state.seed = replace(refined, priorities=state.seed.priorities)
             self._publish()
@@ -116,7 +114,7 @@ class Seeding:
         patience_s = self._waits.picture_timeout_s
         while loop.time() - begun_s < patience_s:
             sight = self._eyes[drone_id].sight
-            if sight is not None and sight.frame.captured_s >= begun_s - _POLL_S:
+            if sight is not None and is_new(sight, begun_s):
                 if sight.frame.damaged:
                     patience_s = self._waits.whole_picture_timeout_s
                 elif (view := self._view(drone_id, sight)) is not None:
@@ -129,9 +127,35 @@ class Seeding:
         return None if sight is None else self._view(drone_id, sight)
 
     def _view(self, drone_id: str, sight: Sight) -> View | None:
-        """Return a sight as the geometry needs it, None when it is damaged or shows no object."""
-        if sight.frame.damaged or sight.region is None or sight.box is None:
-            return None
         pose = self._pilot.pose(drone_id, sight.frame.captured_s)
-        intrinsics = self._fleet.drones[drone_id].config.intrinsics
-        return View(pose, intrinsics, sight.box, sight.region)
+        return seen_view(sight, pose, self._fleet.drones[drone_id].config.intrinsics)
+
+
+def is_new(sight: Sight, asked_s: float) -> bool:
+    """Return whether a sight may be the view that was asked for at ``asked_s``."""
+    return sight.frame.captured_s >= asked_s - _POLL_S
+
+
+def seen_view(sight: Sight, pose: CameraPose, intrinsics: Intrinsics) -> View | None:
+    """Return a sight as the geometry needs it, None when it is damaged or shows no object.
+
+    Args:
+        sight: What was seen.
+        pose: The camera's pose when it was.
+        intrinsics: The camera.
+    """
+    if sight.frame.damaged or sight.region is None or sight.box is None:
+        return None
+    return View(pose, intrinsics, sight.box, sight.region)
+
+
+def refined_seed(
+    seed: SeedGeometry, views: Sequence[View], config: SeedConfig
+) -> SeedGeometry | None:
+    """Return the geometry that all ``views`` so far make of ``seed``, None when they make none.
+
+    The outer box stays: the planned viewpoints keep clear of that one, and a wall that moves must
+    not come upon a drone that hovers beside it.
+    """
+    refined = refine_seed(seed, views, config)
+    return None if refined.views <= seed.views else kept_within(refined, seed.outer)

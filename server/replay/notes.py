@@ -1,4 +1,4 @@
-"""Recorded messages as the values they were made of; times in seconds of the recording."""
+"""Recorded messages as the values they were made of; times in seconds of a clock to be given."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ class Happened:
 class NoteReader:
     """Reads the messages of one recording in their order."""
 
-    def __init__(self, wall_ns: int) -> None:
-        """Build it; times count from ``wall_ns``, nanoseconds since 1970."""
-        self._wall_ns = wall_ns
+    def __init__(self, zero_ns: int) -> None:
+        """Build it; times count from ``zero_ns``, nanoseconds since 1970."""
+        self._zero_ns = zero_ns
         self._about: dict[str, dict[str, Any]] = {}
 
     def at_s(self, ns: int) -> float:
-        """Return a time of the file in seconds of the recording."""
-        return (ns - self._wall_ns) / 1e9
+        """Return a time of the file in seconds."""
+        return (ns - self._zero_ns) / 1e9
 
     def read(self, message: RecordedMessage) -> Reported | Filmed | Happened | None:
         """Return what a message means, None when a replay has no use for it.

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from server.jobs import plan
+from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec
 
 
@@ -28,8 +29,12 @@ class PromptJob:
         self._spec = spec
 
     async def events(self) -> AsyncIterator[dict[str, Any]]:
-        """Yield the result, at once."""
-        yield {"event": "done"} | plan.run(self._spec, _Silent())
+        """Yield the result, at once; raises JobFailedError as a worker's job does."""
+        try:
+            result = plan.run(self._spec, _Silent())
+        except ValueError as error:
+            raise JobFailedError(str(error), bad_input=True) from error
+        yield {"event": "done"} | result
 
     async def cancel(self) -> None:
         """Do nothing: it is over before anybody could ask."""

@@ -108,10 +108,11 @@ class RecordedDrone:
 class RecordedEye:
     """Searches recorded pictures as the mission's eye does; an ``Eye``."""
 
-    def __init__(self, drone: DroneConfig, config: RegionConfig) -> None:
+    def __init__(self, drone: DroneConfig, config: RegionConfig, turn: float) -> None:
+        """Build it; ``turn`` as ``CameraEye`` takes it."""
         self.sight: Sight | None = None
         self.annotated: FrameAnnotated | None = None
-        self._search = PictureSearch(drone.intrinsics, config)
+        self._search = PictureSearch(drone.intrinsics, config, turn)
         self._expected: RegionPrior | None = None
 
     def expect(self, prior: RegionPrior | None) -> None:
@@ -153,3 +154,8 @@ class RecordedFleet:
 
     config: StartCircle
     drones: dict[str, RecordedDrone] = field(default_factory=dict[str, RecordedDrone])
+
+    @property
+    def crew(self) -> list[str]:
+        """Those that fly, in fleet order."""
+        return [d for d, drone in self.drones.items() if drone.activity in ("flying", "holding")]

@@ -1,4 +1,4 @@
-"""What came out of a replay: numbers per drone, seed, plan, and one digest of it all."""
+"""What came out of a replay: numbers per drone, seeds, plans, and one digest of it all."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from server.geometry.boxes import Box3
 from server.mission.events import PlanFound
 from server.mission.eyes import Sight
 from server.stages import CameraPose, SeedGeometry
@@ -81,8 +82,8 @@ class ReplayResult:
         whole: Whether it was ended properly.
         seconds: Length of the recording.
         drones: By drone id.
-        seed: The seed geometry, None when there was none.
-        plan: The plan, None when there was none.
+        seeds: The seed geometry as it was first fitted and each time it was refined.
+        plans: The plan and each one that took its place.
         remarks: What could not be done, and why.
     """
 
@@ -90,8 +91,8 @@ class ReplayResult:
     whole: bool
     seconds: float
     drones: dict[str, DroneTally]
-    seed: SeedGeometry | None = None
-    plan: PlanFound | None = None
+    seeds: list[SeedGeometry] = field(default_factory=list[SeedGeometry])
+    plans: list[PlanFound] = field(default_factory=list[PlanFound])
     remarks: list[str] = field(default_factory=list[str])
 
     def as_json(self) -> dict[str, Any]:
@@ -101,47 +102,50 @@ class ReplayResult:
             "whole": self.whole,
             "seconds": round(self.seconds, 3),
             "drones": {drone_id: tally.summary() for drone_id, tally in self.drones.items()},
-            "seed": self._seed(),
-            "plan": self._plan(),
+            # The newest of each; all of them count for the digest.
+            "seed": _seed(self.seeds[-1]) if self.seeds else None,
+            "seeds": len(self.seeds),
+            "plan": _plan(self.plans[-1]) if self.plans else None,
+            "plans": len(self.plans),
             "remarks": self.remarks,
             "digest": self.digest(),
         }
 
     def digest(self) -> str:
-        """Return a hash of every box, every pose, the seed and the plan, to the last bit."""
+        """Return a hash of every box, every pose, all seeds and all plans, to the last bit."""
         everything = {
             "boxes": {drone_id: tally.boxes for drone_id, tally in self.drones.items()},
             "poses": {drone_id: tally.poses for drone_id, tally in self.drones.items()},
-            "seed": self._seed(),
-            "plan": self._plan(),
+            "seeds": [_seed(seed) for seed in self.seeds],
+            "plans": [_plan(plan) for plan in self.plans],
         }
         return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()
 
-    def _seed(self) -> dict[str, Any] | None:
-        if self.seed is None:
-            return None
-        corners = [[box.lower.tolist(), box.upper.tolist()] for box in self.seed.boxes]
-        outer = [self.seed.outer.lower.tolist(), self.seed.outer.upper.tolist()]
-        return {
-            "views": self.seed.views,
-            "volume_m3": self.seed.outer.volume_m3,
-            "outer": outer,
-            "boxes": corners,
-        }
 
-    def _plan(self) -> dict[str, Any] | None:
-        if self.plan is None:
-            return None
-        placement, rounds = self.plan.placement, self.plan.assignment.rounds
-        return {
-            "fitness": placement.fitness,
-            "bound": placement.bound,
-            "candidates": placement.candidates,
-            "rounds": [
-                {d: [*view.position_world.tolist(), view.yaw_rad] for d, view in row.items()}
-                for row in rounds
-            ],
-        }
+def _seed(seed: SeedGeometry) -> dict[str, Any]:
+    return {
+        "views": seed.views,
+        "volume_m3": seed.outer.volume_m3,
+        "outer": _corners(seed.outer),
+        "boxes": [_corners(box) for box in seed.boxes],
+    }
+
+
+def _corners(box: Box3) -> list[list[float]]:
+    return [box.lower.tolist(), box.upper.tolist()]
+
+
+def _plan(plan: PlanFound) -> dict[str, Any]:
+    placement, rounds = plan.placement, plan.assignment.rounds
+    return {
+        "fitness": placement.fitness,
+        "bound": placement.bound,
+        "candidates": placement.candidates,
+        "rounds": [
+            {d: [*view.position_world.tolist(), view.yaw_rad] for d, view in row.items()}
+            for row in rounds
+        ],
+    }
 
 
 def _rounded(value: float, digits: int) -> float:

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,27 +16,103 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from mcap.reader import make_reader
 from simulated_flight import fly
 
+from server.mission.pilot import Pilot
 from server.recording.reading import Recording, RecordingError
 from server.recording.repair import is_whole
+from server.replay import prompt_jobs
 from server.replay.flight import replay
 from server.replay.notes import NoteReader
 from server.replay.recorded_fleet import described
+from server.replay.report import ReplayResult
 from server.sim.virtual_time import in_virtual_time
+from server.vision.region import RegionTracker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 
+@dataclass
+class Watched:
+    """What eyes, pilot and planner did, in flight or in a replay.
+
+    Attributes:
+        searches: Every full search of a picture: the eye's turn, when.
+        targets: Where the operator's picks moved the object.
+        seeds: Views of the geometries that the pilot believed in, in order.
+        parts: The parts that each plan was asked for: corners and weight.
+    """
+
+    searches: set[tuple[float, float]] = field(default_factory=set[tuple[float, float]])
+    targets: list[list[float]] = field(default_factory=list[list[float]])
+    seeds: list[int] = field(default_factory=list[int])
+    parts: list[list[Any]] = field(default_factory=list[list[Any]])
+
+
+@contextmanager
+def watching() -> Iterator[Watched]:
+    """Yield what happens from here on."""
+    watched = Watched()
+    search, move = RegionTracker._searched, Pilot.move_target
+    observe, planned = Pilot.observe, prompt_jobs.plan.run
+
+    def searched(self, work, grey, at_s):
+        watched.searches.add((self._turn, round(at_s, 3)))
+        return search(self, work, grey, at_s)
+
+    def moved(self, target):
+        watched.targets.append(target.centre.tolist())
+        move(self, target)
+
+    def observed(self, now_s):
+        views = 0 if self.seed is None else self.seed.views
+        if views and views not in watched.seeds:
+            watched.seeds.append(views)
+        return observe(self, now_s)
+
+    def plan(spec, reporting):
+        watched.parts.append(spec.parameters["priorities"])
+        return planned(spec, reporting)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RegionTracker, "_searched", searched)
+        patch.setattr(Pilot, "move_target", moved)
+        patch.setattr(Pilot, "observe", observed)
+        patch.setattr(prompt_jobs.plan, "run", plan)
+        yield watched
+
+
+@dataclass(frozen=True)
+class Flight:
+    recording: Path
+    watched: Watched
+
+
+@dataclass(frozen=True)
+class Replayed:
+    result: ReplayResult
+    watched: Watched
+
+
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory) -> Path:
-    runs = tmp_path_factory.mktemp("runs")
-    record = in_virtual_time(fly(runs))
+def flight(tmp_path_factory) -> Flight:
+    with watching() as watched:
+        record = in_virtual_time(fly(tmp_path_factory.mktemp("runs")))
     assert record.status.state == "succeeded", record.status.error
-    return Path(record.status.run) / "recording.mcap"
+    return Flight(Path(record.status.run) / "recording.mcap", watched)
 
 
 @pytest.fixture(scope="module")
-def replayed(recording):
-    return asyncio.run(replay(recording))
+def recording(flight) -> Path:
+    return flight.recording
+
+
+@pytest.fixture(scope="module")
+def replayed(recording) -> Replayed:
+    return replay_watched(recording)
+
+
+def replay_watched(path: Path) -> Replayed:
+    with watching() as watched:
+        return Replayed(asyncio.run(replay(path)), watched)
 
 
 def events(path: Path, name: str) -> list[dict]:
@@ -86,8 +166,8 @@ def test_every_picture_of_the_file_is_decoded_and_most_show_the_object(recording
         if message.schema == "foxglove.CompressedVideo":
             drone_id = message.topic.split("/")[1]
             coded[drone_id] = coded.get(drone_id, 0) + 1
-    assert replayed.whole
-    for drone_id, tally in replayed.drones.items():
+    assert replayed.result.whole
+    for drone_id, tally in replayed.result.drones.items():
         assert tally.decoded == tally.coded == coded[drone_id]
         # A busy machine may have lost datagrams when the file was made.
         assert tally.searched == tally.decoded - tally.damaged
@@ -95,22 +175,55 @@ def test_every_picture_of_the_file_is_decoded_and_most_show_the_object(recording
 
 
 def test_a_replay_gives_the_same_numbers_every_time(recording, replayed):
-    again = asyncio.run(replay(recording))
-    assert again.as_json() == replayed.as_json()
-    assert again.digest() == replayed.digest()
+    again = replay_watched(recording)
+    assert again.result.as_json() == replayed.result.as_json()
+    assert again.watched == replayed.watched
 
 
-def test_seed_and_plan_come_out_as_in_the_flight(recording, replayed):
-    seed = events(recording, "seed_fitted")[0]["seed"]
-    assert replayed.remarks == []
-    assert replayed.seed is not None
-    assert replayed.seed.views == seed["views"] == 4
-    off_m = np.abs(replayed.seed.outer.centre - _centre(seed["outer"])).max()
-    assert off_m < 0.3
-    plan = events(recording, "plan_found")[0]
-    assert replayed.plan is not None
-    assert len(replayed.plan.assignment.rounds) == len(plan["assignment"]["rounds"])
-    assert replayed.plan.placement.fitness == pytest.approx(plan["placement"]["fitness"], rel=0.25)
+def test_the_seed_is_refined_as_in_the_flight(flight, replayed):
+    flown = [event["seed"] for event in events(flight.recording, "seed_fitted")]
+    seeds = replayed.result.seeds
+    assert replayed.result.remarks == []
+    assert [seed.views for seed in seeds] == [seed["views"] for seed in flown] == [4, 8, 12]
+    # What the pilot aims at and expects is always the newest.
+    assert replayed.watched.seeds == flight.watched.seeds == [4, 8, 12]
+    for seed, wanted in zip(seeds, flown, strict=True):
+        assert np.abs(seed.outer.centre - _centre(wanted["outer"])).max() < 0.1
+        # It stays, because the plan keeps clear of it; what is inside is carved anew.
+        assert seed.outer is seeds[0].outer
+    assert [box.lower.tolist() for box in seeds[0].boxes] != [
+        box.lower.tolist() for box in seeds[-1].boxes
+    ]
+
+
+def test_every_plan_is_made_as_in_the_flight(flight, replayed):
+    flown, plans = events(flight.recording, "plan_found"), replayed.result.plans
+    for plan, wanted in zip(plans, flown, strict=True):
+        assert len(plan.assignment.rounds) == len(wanted["assignment"]["rounds"])
+        assert plan.placement.fitness == pytest.approx(wanted["placement"]["fitness"], rel=0.1)
+    assert [len(plan.assignment.rounds) for plan in plans] == [2, 1]
+
+
+def test_a_part_of_priority_is_found_and_planned_for(flight, replayed):
+    (before, after), (flown_before, flown_after) = replayed.watched.parts, flight.watched.parts
+    assert before == flown_before == []
+    ((lower, upper, weight),), ((flown_lower, flown_upper, flown_weight),) = after, flown_after
+    assert weight == flown_weight == 5.0
+    np.testing.assert_allclose([lower, upper], [flown_lower, flown_upper], atol=0.15)
+
+
+def test_a_pick_moves_the_target_of_all(flight, replayed):
+    assert len(flight.watched.targets) >= 1
+    np.testing.assert_allclose(replayed.watched.targets, flight.watched.targets, atol=0.1)
+
+
+def test_full_searches_fall_on_the_pictures_on_which_they_fell_in_flight(flight, replayed):
+    flown, searches = flight.watched.searches, replayed.watched.searches
+    turns = {turn for turn, _ in searches}
+    assert turns == {turn for turn, _ in flown} == {0.0, 0.25, 0.5, 0.75}
+    for turn in turns:
+        wanted = {search for search in flown if search[0] == turn}
+        assert len(wanted & searches) > 0.6 * len(wanted)
 
 
 def test_a_replay_believes_what_the_flight_believed(recording, replayed):
@@ -121,7 +234,7 @@ def test_a_replay_believes_what_the_flight_believed(recording, replayed):
             place = PoseInFrame.FromString(message.data).pose.position
             row = [reader.at_s(message.publish_ns), place.x, place.y, place.z]
             flown.setdefault(message.topic.split("/")[1], []).append(row)
-    for drone_id, tally in replayed.drones.items():
+    for drone_id, tally in replayed.result.drones.items():
         last = np.array(flown[drone_id])[-1, 1:]
         assert np.linalg.norm(np.array(tally.poses[-1][:3]) - last) < 1.0
 
@@ -133,7 +246,7 @@ def test_a_flight_that_was_cut_short_is_replayed_as_far_as_it_goes(recording, tm
     result = asyncio.run(replay(cut))
     assert not result.whole
     assert all(tally.decoded > 5 for tally in result.drones.values())
-    assert result.plan is None or result.seed is not None
+    assert not result.plans or result.seeds
 
 
 def test_a_file_without_a_flight_is_refused(tmp_path):
