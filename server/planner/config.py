@@ -30,7 +30,7 @@ class FlightSpace:
         no_go_clearance_m: Distance that planned poses and ways keep from them.
     """
 
-    fence_radius_m: float = 4.0
+    fence_radius_m: float = 3.7
     floor_m: float = 0.45
     ceiling_m: float = 2.0
     standoff_m: float = 0.9
