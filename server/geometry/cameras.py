@@ -70,12 +70,16 @@ class Intrinsics:
             with depth <= 0 are NaN.
         """
         points_cam = transform_points(inverse(T_world_cam), np.asarray(points_world, float))
+        return self.pixels_of(points_cam), points_cam[:, 2]
+
+    def pixels_of(self, points_cam: Array) -> Array:
+        """Return the pixels ``(n, 2)`` of points in the camera's frame; NaN at depths <= 0."""
         depths = points_cam[:, 2]
         in_front = np.where(depths > 1e-9, depths, np.nan)
         pixels = self._distorted(points_cam[:, :2] / in_front[:, None])
         pixels *= (self.fx, self.fy)
         pixels += (self.cx, self.cy)
-        return pixels, depths
+        return pixels
 
     def _distorted(self, xy: Array) -> Array:
         """Return where the lens shows the tangents ``(n, 2)`` of a pinhole: OpenCV's polynomial.

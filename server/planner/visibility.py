@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -134,18 +133,7 @@ def _camera_poses(positions: Array, yaws: Array, tilt_rad: float) -> Array:
 def _project_pairs(T_cam_world: Array, points: Array, intrinsics: Intrinsics) -> Array:
     """Project each of ``points`` ``(n, 3)`` with its own ``T_cam_world``; NaN behind the camera."""
     points_cam = np.einsum("nij,nj->ni", T_cam_world[:, :3, :3], points) + T_cam_world[:, :3, 3]
-    pixels = np.full((len(points), 2), np.nan)
-    front = points_cam[:, 2] > 1e-9
-    seen = points_cam[front]
-    if not any(intrinsics.distortion):
-        # OpenCV also computes derivatives that nobody needs here; ten times slower.
-        focal, principal = (intrinsics.fx, intrinsics.fy), (intrinsics.cx, intrinsics.cy)
-        pixels[front] = seen[:, :2] / seen[:, 2:] * np.array(focal) + np.array(principal)
-    elif len(seen):
-        distortion = np.array(intrinsics.distortion)
-        flat, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), intrinsics.K, distortion)
-        pixels[front] = flat.reshape(-1, 2)
-    return pixels
+    return intrinsics.pixels_of(points_cam)
 
 
 def _agreement(
