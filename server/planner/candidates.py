@@ -39,7 +39,7 @@ def generate_candidates(
 
     A pose is feasible when the whole object is in the picture (with a margin; where in the picture
     does not matter), the fence, floor, ceiling, standoff and no-go volumes are kept and no
-    obstacle is between.
+    obstacle is between. Poses near the fence are left out where enough others are left.
 
     Args:
         seed: The object.
@@ -112,7 +112,8 @@ def _feasible(
     positions = np.array([v.position_world for v in views])
     yaws = np.array([v.yaw_rad for v in views])
 
-    kept = np.hypot(positions[:, 0], positions[:, 1]) <= space.fence_radius_m
+    from_middle_m = np.hypot(positions[:, 0], positions[:, 1])
+    kept = from_middle_m <= space.fence_radius_m
     _say_if_empty(
         kept, f"the whole object is in view only outside the fence ({space.fence_radius_m:.2f} m)"
     )
@@ -130,6 +131,9 @@ def _feasible(
     for point in (centre, *seed.outer.corners):
         kept &= ~segments_blocked(positions, np.broadcast_to(point, positions.shape), obstacles)
     _say_if_empty(kept, "obstacles block every line of sight")
+    off_fence = kept & (from_middle_m <= space.fence_radius_m - shells.off_fence_m)
+    if 2 * off_fence.sum() >= kept.sum():
+        kept = off_fence
     return tuple(view for view, keep in zip(views, kept, strict=True) if keep)
 
 

@@ -30,7 +30,7 @@ class FlightSpace:
         no_go_clearance_m: Distance that planned poses and ways keep from them.
     """
 
-    fence_radius_m: float = 3.7
+    fence_radius_m: float = 4.0
     floor_m: float = 0.45
     ceiling_m: float = 2.0
     standoff_m: float = 0.9
@@ -80,6 +80,8 @@ class CandidateConfig:
         azimuths: Number of azimuths per shell and height, before thinning out.
         minimum: Fewest candidates wanted; azimuths are doubled, at most three times, to reach it.
         margin: Share of the frame that stays free around the whole object.
+        off_fence_m: So far inside the fence candidates keep where that leaves half of them. Drones
+            that come near a fence creep, see ``server.swarm.coasting``.
     """
 
     radius_factors: tuple[float, ...] = (1.0, 1.15, 1.35)
@@ -88,6 +90,7 @@ class CandidateConfig:
     azimuths: int = 48
     minimum: int = 600
     margin: float = 0.05
+    off_fence_m: float = 0.3
 
     def __post_init__(self) -> None:
         _require(len(self.radius_factors) > 0, "radius_factors", "non-empty")
@@ -96,6 +99,7 @@ class CandidateConfig:
         _require(self.azimuths >= 4, "azimuths", "at least 4")
         _require(self.minimum >= 1, "minimum", "at least 1")
         _require(0 <= self.margin < 0.4, "margin", "in [0, 0.4)")
+        _require(self.off_fence_m >= 0, "off_fence_m", "at least 0")
 
 
 @dataclass(frozen=True, slots=True)

@@ -89,3 +89,14 @@ def test_no_candidate_looks_through_a_wall(dog: SeedGeometry) -> None:
     ]  # fmt: skip
     with pytest.raises(PlanError, match="obstacle"):
         generate_candidates(dog, TELLO_INTRINSICS, TELLO_TILT_RAD, CONFIG, around)
+
+
+def test_places_near_the_fence_are_taken_only_for_what_cannot_be_seen_from_farther_inside() -> None:
+    def farthest_m(height_m: float) -> float:
+        seed = seed_of(box(-0.3, -0.3, 0.0, 0.3, 0.3, height_m))
+        views = generate_candidates(seed, TELLO_INTRINSICS, TELLO_TILT_RAD, CONFIG)
+        return max(float(np.hypot(*view.position_world[:2])) for view in views)
+
+    fence_m, off_m = CONFIG.space.fence_radius_m, CONFIG.candidates.off_fence_m
+    assert farthest_m(1.6) <= fence_m - off_m
+    assert fence_m - off_m < farthest_m(2.45) <= fence_m
