@@ -89,7 +89,7 @@ class MistakenEye(VirtualEye):
 
     def __init__(self, drone: Drone, camera: VirtualCamera, points: Array, number: int) -> None:
         rng = np.random.default_rng([SEED, number])
-        # Which of two things is seen is the matter here; they stand a step apart, and seen in part or
+        # Which of two things is seen is the matter here. They stand a step apart: seen in part, or
         # as more than they are, one could not be told from the other.
         super().__init__(drone, camera, points + DECOY, SightErrors(extent=0.0), rng)
         self._mine, self._shot = drone, camera
