@@ -21,6 +21,7 @@ def conditions(seed: int, **more: Any) -> dict[str, Any]:
         "load_1min": round(os.getloadavg()[0], 2),
         "gpu": _gpu(),
         "python": platform.python_version(),
+        "test_data": bool(os.environ.get("DRONERF_TEST_DATA")),
         "seed": seed,
         **more,
     }

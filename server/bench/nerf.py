@@ -74,7 +74,7 @@ def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, 
             result["ssim_60s"] = round(metrics.ssim, 4)
             result["preview_ms"] = _preview_ms(trainer)
             if out is not None:
-                _write_comparison(trainer, held_out[:4], out / f"{Path(scene).stem}.png")
+                _write_comparison(trainer, held_out[:4], out / f"{Path(scene).name}.png")
     few = [index * _TRAINING_VIEWS // _FEW_VIEWS for index in range(_FEW_VIEWS)]
     unseen = [index for index in range(len(dataset)) if index not in few]
     trainer = _trainer(dataset, unseen, seed, threads)

@@ -61,7 +61,7 @@ def each_scene(
         kept = None
         if options.out is not None:
             options.out.mkdir(parents=True, exist_ok=True)
-            kept = options.out / f"{name}-{Path(scene).stem}-{options.seed}.json"
+            kept = options.out / f"{name}-{Path(scene).name}-{options.seed}.json"
         if options.resume and kept is not None and kept.exists():
             parts[scene] = json.loads(kept.read_text())
             continue

@@ -122,7 +122,7 @@ def _measure(scene: str, options: Options) -> dict[str, Any]:
         part["without_seed_geometry"] = sum(boxes is None for boxes in fitted.values())
         figures[f"k{k}"] = part
     if options.out is not None:
-        save_picture(options.out / f"planner-{Path(scene).stem}.png", scene, figures)
+        save_picture(options.out / f"planner-{Path(scene).name}.png", scene, figures)
     return figures
 
 

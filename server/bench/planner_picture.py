@@ -31,7 +31,7 @@ def save_picture(path: Path, title: str, figures: dict[str, Any]) -> None:
     width = _LABEL_PX + _COLUMN_PX * len(_MEASURES)
     picture = np.full((block * len(figures) + 20, width, 3), 255, np.uint8)
     for number, (key, part) in enumerate(figures.items()):
-        _block(picture, number * block, f"{Path(title).stem} {key}", part)
+        _block(picture, number * block, f"{Path(title).name} {key}", part)
     cv2.imwrite(str(path), picture)
 
 

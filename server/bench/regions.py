@@ -53,6 +53,7 @@ _DETECTED_IOU = 0.1
 _SWAY_PX = (14.0, 8.0)
 # The search's own scales, working pixels.
 _WORK_SCALE, _PEER_SIGMAS = 4, (4, 48)
+_TALLIES = ("start", "seeded", "without_prior", "peer", "peer_full_size")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,8 +125,9 @@ def run(options: Options) -> Figures:
 def _measure(scene: str, rooms: int, options: Options) -> dict[str, Any]:
     config = RegionConfig()
     rng = np.random.default_rng((options.seed, 1))
-    tallies = {name: _Tally() for name in ("start", "seeded", "without_prior", "peer")}
+    tallies = {name: _Tally() for name in _TALLIES}
     steady: list[float] = []
+    key_s: list[float] = []
     peer_s: list[float] = []
     peer_full_s: list[float] = []
     tiles: list[tuple[float, Shot, Array | None]] = []
@@ -133,26 +135,29 @@ def _measure(scene: str, rooms: int, options: Options) -> dict[str, Any]:
     for shot in shots(load_object(scene), options.seed, rooms, _POSES):
         reduced = _reduced(shot.image_bgr, config)
         kind = "start" if shot.seed is None else "seeded"
-        box, confidence = _look(shot, reduced, shot.prior, config)
+        box, confidence, spent_s = _look(shot, reduced, shot.prior, config)
+        key_s.append(spent_s)
         iou = tallies[kind].count(shot.truth_px, box, confidence)
         if shot.truth_px is not None:
             tiles.append((iou, shot, box))
-        tallies["without_prior"].count(shot.truth_px, *_look(shot, reduced, None, config))
+        tallies["without_prior"].count(shot.truth_px, *_look(shot, reduced, None, config)[:2])
         began_s = time.process_time()
         peer_box = _peer(reduced, config.work_scale)
         peer_s.append(time.process_time() - began_s)
         tallies["peer"].count(shot.truth_px, peer_box, 0.0)
         if len(peer_full_s) < _FULL_SIZE_PER_SCENE and shot.truth_px is not None:
             began_s = time.process_time()
-            _peer(shot.image_bgr, 1)
+            full_size_box = _peer(shot.image_bgr, 1)
             peer_full_s.append(time.process_time() - began_s)
+            tallies["peer_full_size"].count(shot.truth_px, full_size_box, 0.0)
         if shot.room != room and shot.truth_px is not None:
             room = shot.room
             steady.append(_steady_s(shot, config, rng))
     if options.out is not None:
         picture = worst_sheet(tiles)
-        cv2.imwrite(str(options.out / f"regions-{Path(scene).stem}-worst.png"), picture)
-    figures = _scene_figures(tallies, steady, peer_s, peer_full_s)
+        cv2.imwrite(str(options.out / f"regions-{Path(scene).name}-worst.png"), picture)
+    times = {"steady_s": steady, "key_s": key_s, "peer_s": peer_s, "peer_full_s": peer_full_s}
+    figures = _scene_figures(tallies, times)
     return {**figures, **seed_figures(scene, options.seed, options.quick)}
 
 
@@ -164,14 +169,22 @@ def _reduced(image_bgr: Image, config: RegionConfig) -> Image:
 
 def _look(
     shot: Shot, reduced: Image, prior: RegionPrior | None, config: RegionConfig
-) -> tuple[Array | None, float]:
-    """Return box and confidence that a fresh tracker gives after a few pictures."""
+) -> tuple[Array | None, float, float]:
+    """Return box and confidence that a fresh tracker gives after a few pictures.
+
+    Third the CPU seconds of its first picture, which is searched in full.
+    """
     tracker = RegionTracker(config)
-    found = None
+    found, key_s = None, 0.0
     for k in range(_LOOKS):
         picture = _Reduced(shot.image_bgr, reduced)
+        began_s = time.process_time()
         found = tracker.update(Frame("drone", k, k * _FRAME_S, picture, False), prior)
-    return (None, 0.0) if found is None else (found[1].xyxy_px, found[1].confidence)
+        if k == 0:
+            key_s = time.process_time() - began_s
+    if found is None:
+        return None, 0.0, key_s
+    return found[1].xyxy_px, found[1].confidence, key_s
 
 
 def _steady_s(shot: Shot, config: RegionConfig, rng: np.random.Generator) -> float:
@@ -216,12 +229,7 @@ def _peer(image_bgr: Image, scale: int) -> Array | None:
 # Figures ------------------------------------------------------------------------------------------
 
 
-def _scene_figures(
-    tallies: dict[str, _Tally],
-    steady_s: Sequence[float],
-    peer_s: Sequence[float],
-    peer_full_s: Sequence[float],
-) -> dict[str, Any]:
+def _scene_figures(tallies: dict[str, _Tally], times: dict[str, list[float]]) -> dict[str, Any]:
     raw = {
         name: {
             "ious": tally.ious,
@@ -233,7 +241,6 @@ def _scene_figures(
         }
         for name, tally in tallies.items()
     }
-    times = {"steady_s": list(steady_s), "peer_s": list(peer_s), "peer_full_s": list(peer_full_s)}
     samples = {**raw, "times": times}
     return {**_summary(samples), "samples": samples}
 
@@ -256,12 +263,14 @@ def _summary(samples: dict[str, Any]) -> dict[str, Any]:
     mission = {key: start[key] + seeded[key] for key in start}
     figures: dict[str, Any] = {**_judged(mission)}
     figures["ms_per_frame"] = round(1e3 * _mean(samples["times"]["steady_s"]), 3)
+    figures["key_ms_per_frame"] = round(1e3 * _mean(samples["times"]["key_s"]), 2)
     figures["peer_iou_mean"] = round(_mean(samples["peer"]["ious"]), 4)
     figures["peer_ms_per_frame"] = round(1e3 * _mean(samples["times"]["peer_s"]), 2)
+    figures["peer_full_size_iou_mean"] = round(_mean(samples["peer_full_size"]["ious"]), 4)
     figures["peer_full_size_ms_per_frame"] = round(1e3 * _mean(samples["times"]["peer_full_s"]), 1)
-    figures["peer_time_ratio"] = round(
-        figures["peer_ms_per_frame"] / max(figures["ms_per_frame"], 1e-9), 1
-    )
+    for size in ("peer", "peer_full_size"):
+        ratio = figures[f"{size}_ms_per_frame"] / max(figures["ms_per_frame"], 1e-9)
+        figures[f"{size}_time_ratio"] = round(ratio, 1)
     for name in ("start", "seeded", "without_prior"):
         for key, value in _judged(samples[name]).items():
             if key != "calibration":

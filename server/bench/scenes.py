@@ -9,7 +9,10 @@ from server.sim.scenes.catalogue import SCENES
 
 
 def named_and_shared_scenes() -> tuple[str, ...]:
-    """Return the named scenes and the other meshes of the test data, where there are any."""
+    """Return the named scenes, then the meshes of the test data, where there are any.
+
+    Some of the meshes bear a scene's name and are other objects all the same.
+    """
     folder = os.environ.get("DRONERF_TEST_DATA")
     meshes = sorted((Path(folder) / "meshes").glob("*.glb")) if folder else []
-    return (*SCENES, *(str(path) for path in meshes if path.stem not in SCENES))
+    return (*SCENES, *map(str, meshes))
