@@ -256,6 +256,11 @@ class SeedGeometry:
     confidences: tuple[float, ...] = ()
     priorities: tuple[Priority, ...] = ()
 
+    @property
+    def box_confidences(self) -> tuple[float, ...]:
+        """Confidence of each box, 0 where it is unknown."""
+        return self.confidences or (0.0,) * len(self.boxes)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Viewpoint:

@@ -130,7 +130,12 @@ def _seed_json(seed: SeedGeometry | None) -> dict[str, Any] | None:
         return None
     boxes = (seed.outer, *seed.boxes)
     lists = [[box.lower.tolist(), box.upper.tolist()] for box in boxes]
-    return {"outer": lists[0], "boxes": lists[1:], "views": seed.views}
+    return {
+        "outer": lists[0],
+        "boxes": lists[1:],
+        "confidences": seed.box_confidences,
+        "views": seed.views,
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -84,10 +84,11 @@ def drones_message(drones: Iterable[tuple[str, str, str]], at_ns: int) -> SceneU
 
 
 def seed_message(seed: SeedGeometry, at_ns: int) -> SceneUpdate:
-    """Return the seed geometry: the outer box faint, its slices inside."""
+    """Return the seed geometry: the outer box faint, its slices inside, the surer the denser."""
     entity = _entity("seed", at_ns)
     entity.cubes.append(_cube(seed.outer, _OUTER_COLOUR, 0.15))
-    entity.cubes.extend(_cube(box, _SLICE_COLOUR, 0.35) for box in seed.boxes)
+    for box, confidence in zip(seed.boxes, seed.box_confidences, strict=True):
+        entity.cubes.append(_cube(box, _SLICE_COLOUR, 0.15 + 0.35 * confidence))
     return SceneUpdate(entities=[entity])
 
 

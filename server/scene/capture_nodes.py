@@ -21,11 +21,19 @@ from server.mission.events import (
     SeedFitted,
 )
 from server.scene.config import SceneConfig
-from server.scene.shapes import Rgb, box_edges, dimmed, node_name, picture_from_jpeg, placed
+from server.scene.shapes import (
+    EDGES_PER_BOX,
+    Rgb,
+    box_edges,
+    dimmed,
+    node_name,
+    picture_from_jpeg,
+    placed,
+)
 from server.stages import Assignment, Viewpoint
 
 _OUTER: Rgb = (240, 190, 40)
-_SLICE: Rgb = (200, 160, 90)
+_UNSURE_SLICE, _SURE_SLICE = np.array([110.0, 95.0, 70.0]), np.array([255.0, 200.0, 100.0])
 _PRIORITY: Rgb = (230, 80, 200)
 _PREVIEW: Rgb = (60, 60, 60)
 _UNKNOWN: Rgb = (150, 150, 150)
@@ -82,9 +90,12 @@ class CaptureLayer:
         return True
 
     def draw_seed(self, event: SeedFitted) -> None:
-        """Draw the outer box and the slices as wire frames."""
+        """Draw the outer box and the slices as wire frames, the surer the brighter."""
         self._draw_boxes("outer", (event.seed.outer,), _OUTER, 3.0)
-        self._draw_boxes("slices", event.seed.boxes, _SLICE, 1.5)
+        sureness = np.repeat(event.seed.box_confidences, 2 * EDGES_PER_BOX)[:, None]
+        colours = (1.0 - sureness) * _UNSURE_SLICE + sureness * _SURE_SLICE
+        by_edge = colours.reshape(-1, 2, 3).astype(np.uint8)
+        self._draw_boxes("slices", event.seed.boxes, by_edge, 1.5)
 
     def draw_priorities(self, event: PrioritiesChanged) -> None:
         """Draw the operator's parts of priority that have been found on the object."""
@@ -180,7 +191,13 @@ class CaptureLayer:
         self._preview.image = picture
         self._preview.visible = True
 
-    def _draw_boxes(self, name: str, boxes: tuple[Box3, ...], colour: Rgb, width_px: float) -> None:
+    def _draw_boxes(
+        self,
+        name: str,
+        boxes: tuple[Box3, ...],
+        colour: Rgb | NDArray[np.uint8],
+        width_px: float,
+    ) -> None:
         if not boxes:
             if name in self._boxes:
                 self._boxes[name].visible = False

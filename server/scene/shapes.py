@@ -14,6 +14,7 @@ Rgb = tuple[int, int, int]
 _FALLBACK: Rgb = (150, 150, 150)
 # Pairs of corners of ``Box3.corners`` that differ in one coordinate only.
 _EDGES = [(i, i | bit) for bit in (1, 2, 4) for i in range(8) if not i & bit]
+EDGES_PER_BOX = len(_EDGES)
 
 
 def rgb_from_hex(colour: str) -> Rgb:

@@ -92,15 +92,11 @@ def kept_within(seed: SeedGeometry, outer: Box3) -> SeedGeometry:
     """
     kept = [
         (_clipped(box, outer), confidence)
-        for box, confidence in zip(seed.boxes, _padded(seed), strict=True)
+        for box, confidence in zip(seed.boxes, seed.box_confidences, strict=True)
         if (np.minimum(box.upper, outer.upper) > np.maximum(box.lower, outer.lower)).all()
     ] or [(outer, 0.0)]
     boxes, confidences = zip(*kept, strict=True)
     return replace(seed, outer=outer, boxes=boxes, confidences=confidences)
-
-
-def _padded(seed: SeedGeometry) -> tuple[float, ...]:
-    return seed.confidences or (0.0,) * len(seed.boxes)
 
 
 # Directions and the common centre ---------------------------------------------------------------

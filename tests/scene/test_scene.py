@@ -219,6 +219,17 @@ def test_seed_boxes_are_redrawn_in_place(drawn: Drawn) -> None:
     assert not drawn.node("/seed/slices").visible
 
 
+def test_sure_slices_are_brighter_than_unsure_ones(drawn: Drawn) -> None:
+    fitted = seed(2).seed
+    drawn.draw(SeedFitted(replace(fitted, confidences=(0.9, 0.1))))
+    slices = drawn.node("/seed/slices")
+    assert isinstance(slices, viser.LineSegmentsHandle)
+    colours = np.asarray(slices.colors).astype(float)
+    assert colours.shape == (24, 2, 3)
+    assert (colours[:12] == colours[0, 0]).all()
+    assert colours[0, 0].sum() > colours[12, 0].sum() + 150.0
+
+
 def test_a_taken_picture_dims_the_viewpoint_it_was_planned_for(drawn: Drawn) -> None:
     drawn.draw(pose(), plan(0.0, 1.0, 2.0), taken(0, 1.05))
     colours = [drawn.frustum(f"/plan/{index:02d}/d1").color for index in range(3)]
