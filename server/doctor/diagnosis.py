@@ -97,6 +97,9 @@ def _reads(probe: Probe) -> Finding:
         told = ", ".join(f"{probe.reads[question]!r} to {question}" for question in strange)
         remedy = "update the drone's firmware with its app; a flight goes by the state reports"
         return Finding("reads", "warn", f"{detail}; not understood: {told}", remedy)
+    if "battery?" in missing:
+        remedy = "in flight nothing shows whether it hears; keep its way to the adapter free"
+        return Finding("reads", "warn", detail, remedy)
     return Finding("reads", "ok", detail)
 
 

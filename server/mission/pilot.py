@@ -253,8 +253,9 @@ class Pilot:
             if not self.paused and wing.drone.activity == "flying":
                 wish = self._wish(wing, pose, target, now_s)
             flying.append((wing, pose, wish[1]))
-            # Who climbs, sinks, is held or silent makes no room: the others do.
-            yields = wing.is_heard(now_s) and not wing.drone.held
+            wing.feel_wind(now_s, self._dt_s)
+            # Who climbs, sinks, is held, silent or deaf makes no room: the others do.
+            yields = wing.is_heard(now_s) and wing.drone.hears and not wing.drone.held
             yields = yields and wing.drone.activity in ("flying", "holding")
             agents.append(agent_from_pose(pose, wing.velocity(now_s), wish[0], yields))
         if not flying:
@@ -278,7 +279,7 @@ class Pilot:
             steered = wing.drone.activity == "flying"
             if steered:
                 velocity = turned(setpoint.velocity_m_s, pose.yaw_rad)
-                velocity = wing.against_wind(velocity, now_s, self._dt_s)
+                velocity = wing.against_wind(velocity)
                 setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
             others = [other for other in poses if other is not pose]
             readings = flight_readings(pose, others, obstacle, self._config.safety)

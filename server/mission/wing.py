@@ -299,22 +299,28 @@ class Wing:
         telemetry = self.drone.telemetry
         return telemetry is not None and now_s - telemetry.received_s < _STALE_STATE_S
 
-    def against_wind(self, velocity_world: Array, now_s: float, dt_s: float) -> Array:
-        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
-        if self.is_heard(now_s):
-            if self._moves:
-                beyond = self.filter.velocity() - self._told
-                self.wind = self.wind + min(1.0, dt_s / _WIND_TAU_S) * (beyond - self.wind)
-            else:
-                # It may stand in the wind, have lost its hold, or creep too slowly to report it:
-                # what holds it against a wind that is over.
-                self.wind = self.wind * max(0.0, 1.0 - dt_s / _CALM_TAU_S)
+    def feel_wind(self, now_s: float, dt_s: float) -> None:
+        """Learn the wind from what the drone does beyond what it was told; due at every tick."""
+        if not self.is_heard(now_s):
+            return
+        if self._moves and self.drone.hears:
+            beyond = self.filter.velocity() - self._told
+            self.wind = self.wind + min(1.0, dt_s / _WIND_TAU_S) * (beyond - self.wind)
+        else:
+            # It may stand in the wind, have lost its hold, or creep too slowly to report it: what
+            # holds it against a wind that is over. One that does not hear goes on as it was told
+            # before, which is no wind.
+            self.wind = self.wind * max(0.0, 1.0 - dt_s / _CALM_TAU_S)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
-        strength, fastest = float(np.linalg.norm(self.wind)), self._config.safety.max_speed_m_s
-        strongest = min(_WIND_MAX_M_S, _WIND_SHARE * fastest)
+        strength = float(np.linalg.norm(self.wind))
+        strongest = min(_WIND_MAX_M_S, _WIND_SHARE * self._config.safety.max_speed_m_s)
         if strength > strongest:
             self.wind *= strongest / strength
-        return share_flown(velocity_world, self.wind, fastest) * velocity_world - self.wind
+
+    def against_wind(self, velocity_world: Array) -> Array:
+        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
+        share = share_flown(velocity_world, self.wind, self._config.safety.max_speed_m_s)
+        return share * velocity_world - self.wind
 
     def was_told(
         self, velocity_world: Array, yaw_rate_rad_s: float, now_s: float, dt_s: float

@@ -58,8 +58,10 @@ def flight_times(recording: Recording, wall_ns: int) -> FlightTimes:
             reports.setdefault(drone_id, deque(maxlen=_REPORTS_KEPT)).append(message.data)
         elif kind == "events" and zero_ns is None and b"capture_taken" in message.data:
             try:
-                report = json.loads(message.data)["capture"]["telemetry"]
-                zero_ns = _clock_zero_ns(report, reports.get(report["drone_id"], ()))
+                event = json.loads(message.data)
+                if event["event"] == "capture_taken":
+                    report = event["capture"]["telemetry"]
+                    zero_ns = _clock_zero_ns(report, reports.get(report["drone_id"], ()))
             except (ValueError, KeyError, TypeError) as error:
                 raise RecordingError(f"{message.topic}: unreadable message: {error}") from error
     zero_ns = wall_ns if zero_ns is None else zero_ns

@@ -32,9 +32,10 @@ class CommandChannel:
 
     Attributes:
         epoch: Counts commands; a result belongs to a command only when the epoch still agrees.
-        discarded: Replies dropped as late, stray or unasked.
+        discarded: Replies dropped that nobody waits for and none was owed.
         garbage: Datagrams that were no reply at all.
         replied_s: When the newest reply came, whatever it answers; None before the first.
+        valued_s: When the newest came that was the answer to a question.
         labels_known: True once the drone answered to a label, False once it complained about one,
             None before either.
     """
@@ -45,6 +46,7 @@ class CommandChannel:
         self.discarded = 0
         self.garbage = 0
         self.replied_s: float | None = None
+        self.valued_s: float | None = None
         self.labels_known: bool | None = None
         self._outstanding: str | None = None
         self._label: int | None = None
@@ -107,6 +109,8 @@ class CommandChannel:
             self.garbage += 1
             return None
         self.replied_s = now_s
+        if reply.kind == "value":
+            self.valued_s = now_s
         if label is not None:
             self.labels_known = True
             mine = label == self._label and reply.kind != "forced_stop"
@@ -121,7 +125,7 @@ class CommandChannel:
         )
         if self._owed_until_s:
             self._owed_until_s.popleft()
-            return self._dropped()
+            return None
         if self._outstanding is None or self._label is not None:
             return self._dropped()
         return self._answered(reply)

@@ -51,10 +51,26 @@ def coastable(
     slower[:2] *= _share_inside(position[:2], way[..., :2].reshape(-1, 2), config)
     if target is None:
         return slower
-    return slower * share_clear(position, slower, yaw_rate, target, config)
+    return slower * _share_clear(position, slower, yaw_rate, target, config)
 
 
-def share_clear(
+def past_limit(position: Array, target: Box3 | None, config: SafetyConfig) -> bool:
+    """Return whether a drone is nearer to fence or object than a coasting one may come."""
+    if float(np.hypot(position[0], position[1])) > config.fence_radius_m - _MARGIN_M:
+        return True
+    if target is None:
+        return False
+    return float(_distances_m(position, target)) < config.coast_clearance_m
+
+
+def _distances_m(points: Array, target: Box3, axes: int = 3) -> Array:
+    """Return the distances to the object, reaching down without end, or along the first axes."""
+    down = np.array([*target.lower[:2], -np.inf])
+    away = points - np.clip(points, down, target.upper)
+    return np.sqrt((away[..., :axes] ** 2).sum(axis=-1))
+
+
+def _share_clear(
     position: Array, velocity: Array, yaw_rate: float, target: Box3, config: SafetyConfig
 ) -> float:
     """Return the share of ``velocity``, at most 1, with which a coasting drone misses the object.
@@ -63,22 +79,16 @@ def share_clear(
     Where the drone comes down, the object is a column without end; a drone above the object is
     asked for that only if any share carries it clear.
     """
-    down = np.array([*target.lower[:2], -np.inf])
-
-    def distance_m(points: Array, axes: int = 3) -> Array:
-        away = points - np.clip(points, down, target.upper)
-        return np.sqrt((away[..., :axes] ** 2).sum(axis=-1))
-
     # Nearer than it should be already: no nearer.
-    room_m = min(config.coast_clearance_m, float(distance_m(position))) - _ROUNDING_M
+    room_m = min(config.coast_clearance_m, float(_distances_m(position, target))) - _ROUNDING_M
     way = _ways(velocity, yaw_rate, config.coast_s * _SHARES)
     end = _ways(velocity, yaw_rate, _LANDS_S)
 
     def passes(shares: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return for each share whether the whole way is clear, and whether its end is as well."""
         scales = shares[:, None, None, None]  # The scaled way is the way of the scaled velocity.
-        way_m = distance_m(position + scales * way).min(axis=(1, 2))
-        end_m = distance_m(position + scales * end, axes=2).min(axis=(1, 2))
+        way_m = _distances_m(position + scales * way, target).min(axis=(1, 2))
+        end_m = _distances_m(position + scales * end, target, axes=2).min(axis=(1, 2))
         return way_m >= room_m, (way_m >= room_m) & (end_m >= config.coast_clearance_m)
 
     if passes(np.ones(1))[1][0]:

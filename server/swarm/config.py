@@ -360,6 +360,7 @@ class TimingConfig:
         keep_alive_s: On the ground something is sent at least this often, seconds.
         probe_s: In flight, where sticks are never answered, something that is answered is asked
             this often, seconds.
+        deaf_s: A drone in flight that has not answered for so long may not hear, seconds.
         retry_s: An unanswered harmless command is repeated after this time, seconds.
         take_off_s: Longest wait for a take-off, seconds.
         land_s: Longest wait for a landing, seconds.
@@ -373,6 +374,7 @@ class TimingConfig:
     setpoint_life_s: float = 0.4
     keep_alive_s: float = 4.0
     probe_s: float = 0.5
+    deaf_s: float = 1.3
     retry_s: float = 1.0
     take_off_s: float = 20.0
     land_s: float = 20.0

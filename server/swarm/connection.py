@@ -210,13 +210,14 @@ class Connection:
     def link_age_s(self, now_s: float) -> float | None:
         """Return the seconds since a drone in flight last answered.
 
-        None on the ground, and for one that has not answered in this flight: perhaps its firmware
-        answers nothing while it flies.
+        None on the ground, and for one that has not answered a question in this flight: perhaps its
+        firmware answers none while it flies.
         """
-        since_s, replied_s = self._probing_since_s, self._asking.channel.replied_s
-        if since_s is None or replied_s is None or replied_s < since_s:
+        since_s, channel = self._probing_since_s, self._asking.channel
+        if since_s is None or channel.valued_s is None or channel.valued_s < since_s:
             return None
-        return now_s - replied_s
+        assert channel.replied_s is not None
+        return now_s - channel.replied_s
 
     def _speak(self, now_s: float) -> None:
         # Whoever waits for a reply keeps the drone awake, too.

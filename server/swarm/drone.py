@@ -183,6 +183,12 @@ class Drone:
         return self._connection.stranger
 
     @property
+    def hears(self) -> bool:
+        """False while a drone in flight has not answered for longer than a lost datagram takes."""
+        age_s = self._connection.link_age_s(self._clock())
+        return age_s is None or age_s < self._timing.deaf_s
+
+    @property
     def dropped(self) -> Mapping[str, int]:
         """Datagrams that said nothing, by reason."""
         channel = self._asking.channel

@@ -31,7 +31,8 @@ class FlightReadings:
         standoff_m: Distance to the object's box, metres.
         separation_m: Distance to the nearest other flying drone, metres.
         pose_sigma_m: Standard deviation of the believed position, metres.
-        object_age_s: Seconds since the drone last saw the object, None before the first time.
+        object_age_s: Seconds since the drone last saw the object where it may be, None before the
+            first time.
         velocity_age_s: Seconds for which it was told to move and reported no velocity at all.
     """
 
@@ -116,7 +117,7 @@ _WORDS = {
     "standoff_m": "{:.2f} m from the object",
     "separation_m": "another drone {:.2f} m away",
     "pose_sigma_m": "position uncertain by {:.2f} m",
-    "object_age_s": "has not seen the object for {:.0f} s",
+    "object_age_s": "has not seen the object where it should be for {:.0f} s",
     "velocity_age_s": "does not feel itself move for {:.1f} s",
     "operator_silence_s": "no sign of the operator for {:.0f} s",
     "mission_silence_s": "nobody has flown it for {:.1f} s",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.stages import CameraPose, Setpoint, Telemetry
-from server.swarm.coasting import coastable, share_clear
+from server.swarm.coasting import coastable, past_limit
 from server.swarm.config import SafetyConfig
 from server.swarm.failsafes import Action, Fired, FlightReadings
 
@@ -29,6 +29,8 @@ _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
 _MARGIN_MAX_M = 0.6
+# A drone past a limit gives up its turn for so much more speed.
+_SLOWER_M_S = 0.01
 # No wish is faster than this; far more would overflow when squared.
 _ABSURD_M_S = 1e3
 
@@ -138,7 +140,8 @@ def limit_setpoint(
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
     retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
     what is unsure about the pose. No velocity would do harm if the link died with it, see
-    ``server.swarm.coasting``.
+    ``server.swarm.coasting``: that has the very last word, also over a retreat. Where a drone that
+    is past a limit cannot both turn and go back, it does not turn.
 
     Args:
         setpoint: Wanted body velocity and yaw rate.
@@ -154,17 +157,30 @@ def limit_setpoint(
         velocity = velocity * (config.max_speed_m_s / speed)
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
-    velocity = coastable(pose.position_world, velocity, rate, target, config)
+    limited = _limited(pose, velocity, rate, target, config)
+    if rate and past_limit(pose.position_world, target, config):
+        straight = _limited(pose, velocity, 0.0, target, config)
+        if np.linalg.norm(straight) > np.linalg.norm(limited) + _SLOWER_M_S:
+            limited, rate = straight, 0.0
+    return Setpoint(turn.T @ limited, rate)
+
+
+def _limited(
+    pose: CameraPose, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
+) -> Array:
+    """Return the world velocity ``(3,)``, kept to every limit, of a drone that turns as well."""
+    position = pose.position_world
+    coasting = coastable(position, velocity, yaw_rate, target, config)
     fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
-    limits, coastable_velocity = _limits(pose.position_world, target, fence_m, config), velocity
+    limits, limited = _limits(position, target, fence_m, config), coasting
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):
         for limit in limits:
-            velocity = limit.apply(velocity)
-    if target is not None and not np.array_equal(velocity, coastable_velocity):
-        # What the limits made of it may lead elsewhere: a retreat from the fence to the object.
-        velocity = velocity * share_clear(pose.position_world, velocity, rate, target, config)
-    return Setpoint(turn.T @ velocity, rate)
+            limited = limit.apply(limited)
+    if np.array_equal(limited, coasting):
+        return limited
+    # What they made of it may lead elsewhere: a retreat from the fence to the object, or back.
+    return coastable(position, limited, yaw_rate, target, config)
 
 
 def _limits(

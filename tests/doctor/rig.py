@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from server.doctor.reads import READS
 from server.sim.config import DynamicsConfig, SimConfig, fleet_config
 from server.sim.drone import SimulatedDrone
 from server.sim.encoder import VideoEncoder
@@ -24,7 +23,11 @@ from server.swarm.config import DroneConfig, FleetConfig
 FPS = 15.0
 
 # What the doctor and a calibration may say to a drone.
-HARMLESS = {"command", "streamon", "streamoff", *READS}
+HARMLESS = {
+    *("command", "streamon", "streamoff"),
+    *("sdk?", "sn?", "battery?", "wifi?", "speed?", "time?", "height?", "temp?"),
+    *("attitude?", "baro?", "acceleration?", "tof?"),
+}
 
 
 @dataclass(slots=True)

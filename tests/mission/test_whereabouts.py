@@ -67,3 +67,11 @@ def test_places_are_clearly_different():
     assert len(places) == 4
     gaps = [np.linalg.norm(a - b) for i, a in enumerate(places) for b in places[:i]]
     assert min(gaps) > 0.25
+
+
+def test_a_drone_whose_sticks_sink_flies_on_above_the_floor():
+    last = LastHeard(np.array([2.0, 0.0, 1.0]), np.array([0.2, 0.0, -0.3]), 0.0)
+    for silent_s in (5.0, 10.0, 14.9):
+        position, _ = coasted(last, silent_s)
+        np.testing.assert_allclose(position, [2.0 + 0.2 * silent_s, 0.0, 0.1])
+    assert coasted(last, 20.0)[0][2] == 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import assume, example, given
@@ -169,3 +170,44 @@ def test_a_retreat_from_the_fence_does_not_end_on_the_object() -> None:
     assert (
         distance_m(on_floor(coasted(place, 0.0, after)[-1])) > CONFIG.coast_clearance_m - BETWEEN_M
     )
+
+
+@given(st.floats(0.45, 0.9), azimuths, headings, st.tuples(speeds, speeds), turns, sticks)
+@example(0.62, 0.0, 0.0, (0.0, 0.0), 0.0, 1.1)
+def test_a_retreat_from_the_object_does_not_end_beyond_the_fence(
+    radius: float,
+    azimuth: float,
+    yaw_rad: float,
+    wish: tuple[float, float],
+    yaw_rate: float,
+    stick: float,
+) -> None:
+    narrow = replace(CONFIG, fence_radius_m=3.0)
+    place = at(radius, azimuth, 0.8)
+    assume(distance_m(place) > 0.05)
+    setpoint = Setpoint(np.array([*wish, 0.0]), yaw_rate)
+    after = limit_setpoint(setpoint, pose_at(place, yaw_rad), TARGET, narrow)
+    path = coasted(place, yaw_rad, after, stick)
+    assert np.hypot(path[:, 0], path[:, 1]).max() <= narrow.fence_radius_m
+
+
+@given(st.floats(0.1, 0.4), st.floats(0.2, 1.0), st.booleans())
+def test_past_a_limit_a_turn_does_not_keep_the_drone_there(
+    near_m: float, rate: float, to_the_right: bool
+) -> None:
+    """An arc comes back to where it began: the turn is given up, the way out is not."""
+    yaw_rate = -rate if to_the_right else rate
+    place = np.array([0.4 + near_m, 0.0, 0.8])
+    out = Setpoint(np.array([-0.3, 0.0, 0.0]), yaw_rate)
+    after = limit_setpoint(out, pose_at(place, math.pi), TARGET, CONFIG)
+    assert after.velocity_m_s[0] < -0.1
+    at_fence = np.array([4.3, 0.0, 1.0])
+    back = limit_setpoint(
+        Setpoint(np.array([0.3, 0.0, 0.0]), yaw_rate), pose_at(at_fence, math.pi), None, CONFIG
+    )
+    assert back.velocity_m_s[0] > 0.1
+    # Who only turns may go on turning.
+    turning = limit_setpoint(
+        Setpoint(np.zeros(3), yaw_rate), pose_at(np.array([2.0, 0.0, 1.0]), 0.0), TARGET, CONFIG
+    )
+    assert turning.yaw_rate_rad_s == yaw_rate

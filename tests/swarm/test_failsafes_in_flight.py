@@ -118,7 +118,10 @@ def test_a_drone_that_reports_but_does_not_hear_is_noticed() -> None:
             await fly(drone, WELL, 3.0)
             assert drone.fired == ()
             link.loses = lambda _: True
-            await fly(drone, WELL, 3.0)
+            await fly(drone, WELL, 1.0)
+            assert drone.hears, "two answers may be late or lost"
+            await fly(drone, WELL, 2.0)
+            assert not drone.hears, "from now on the others make room for it"
             assert drone.fired == ()
             await fly(drone, WELL, 2.0)
             assert events(drone) == {"link_age_s"}
@@ -126,6 +129,7 @@ def test_a_drone_that_reports_but_does_not_hear_is_noticed() -> None:
             link.loses = lambda _: False
             await fly(drone, WELL, 1.5)
             assert drone.activity == "flying", "it hears again"
+            assert drone.hears
             link.loses = lambda _: True
             await fly(drone, WELL, 11.0)
             assert drone.activity == "landing"
@@ -141,7 +145,10 @@ def test_a_drone_that_answers_nothing_in_flight_is_not_believed_deaf() -> None:
         link = AirLink()
         async with flying_drone(link) as drone:
             link.loses = lambda datagram: datagram == b"battery?"
-            # What was asked before the take-off does not count for this flight.
+            # What was asked before the take-off does not count for this flight, nor does an ``ok``.
+            drone.hold()
+            await fly(drone, WELL, 2.0)
+            drone.rearm()
             await fly(drone, WELL, 15.0)
             assert drone.fired == ()
 

@@ -111,7 +111,7 @@ def cases(scenes: Sequence[str], seed: int, *, quick: bool = False) -> list[Case
         for fault, phases in faults.items()
         for phase, loss in product(phases, LOSSES)
     ]
-    plain = [(loss, "", "") for loss in LOSSES for _ in range(12)]
+    plain = [(loss, "", "") for loss in LOSSES for _ in range(6)]
     turn = cycle(scenes)
     made = [
         Case(
