@@ -40,7 +40,7 @@ def generate_candidates(
     A pose is feasible when the whole object is in the picture (with a margin; where in the picture
     does not matter), the fence, floor, ceiling, standoff and no-go volumes are kept and no
     obstacle is between. Poses near the fence are left out where one farther inside sees the object
-    from the same azimuth and height.
+    from the same azimuth.
 
     Args:
         seed: The object.
@@ -133,15 +133,8 @@ def _feasible(
         kept &= ~segments_blocked(positions, np.broadcast_to(point, positions.shape), obstacles)
     _say_if_empty(kept, "obstacles block every line of sight")
     off_fence = kept & (from_middle_m <= space.fence_radius_m - shells.off_fence_m)
-    kept = off_fence | (kept & ~_seen_likewise(azimuth, height, off_fence))
+    kept = off_fence | (kept & ~np.isin(azimuth, azimuth[off_fence]))
     return tuple(view for view, keep in zip(views, kept, strict=True) if keep)
-
-
-def _seen_likewise(azimuth: Array, height: Array, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which poses ``(n,)`` have a chosen one at their azimuth and height."""
-    sides = list(zip(azimuth.tolist(), height.tolist(), strict=True))
-    seen = {side for side, one in zip(sides, chosen, strict=True) if one}
-    return np.array([side in seen for side in sides], bool)
 
 
 def _refuse_too_large(target: Box3, space: FlightSpace) -> None:
