@@ -112,10 +112,10 @@ def cases(scenes: Sequence[str], seed: int, *, quick: bool = False) -> list[Case
         for phase, loss in product(phases, LOSSES)
     ]
     plain = [(loss, "", "") for loss in LOSSES for _ in range(6)]
-    turn = cycle(scenes)
     made = [
         Case(
-            next(turn),
+            # One further with every row of losses, so that no scene is bound to one loss.
+            scenes[(number + number // len(LOSSES)) % len(scenes)],
             seed + 1 + number,
             loss,
             fault,
