@@ -39,8 +39,7 @@ def generate_candidates(
 
     A pose is feasible when the whole object is in the picture (with a margin; where in the picture
     does not matter), the fence, floor, ceiling, standoff and no-go volumes are kept and no
-    obstacle is between. Poses near the fence are left out where one farther inside sees the object
-    from the same azimuth.
+    obstacle is between. Poses near the fence are left out where half of all are left then.
 
     Args:
         seed: The object.
@@ -133,7 +132,8 @@ def _feasible(
         kept &= ~segments_blocked(positions, np.broadcast_to(point, positions.shape), obstacles)
     _say_if_empty(kept, "obstacles block every line of sight")
     off_fence = kept & (from_middle_m <= space.fence_radius_m - shells.off_fence_m)
-    kept = off_fence | (kept & ~np.isin(azimuth, azimuth[off_fence]))
+    if 2 * off_fence.sum() >= kept.sum():
+        kept = off_fence
     return tuple(view for view, keep in zip(views, kept, strict=True) if keep)
 
 

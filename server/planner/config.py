@@ -80,8 +80,8 @@ class CandidateConfig:
         azimuths: Number of azimuths per shell and height, before thinning out.
         minimum: Fewest candidates wanted; azimuths are doubled, at most three times, to reach it.
         margin: Share of the frame that stays free around the whole object.
-        off_fence_m: So far inside the fence candidates keep where that leaves some of their
-            azimuth. Drones that come near a fence creep, see ``server.swarm.coasting``.
+        off_fence_m: So far inside the fence candidates keep where that leaves half of them. Drones
+            that come near a fence creep, see ``server.swarm.coasting``, and may be beyond it.
     """
 
     radius_factors: tuple[float, ...] = (1.0, 1.15, 1.35)

@@ -238,13 +238,13 @@ def test_picks_bring_all_drones_to_the_right_object_and_a_part_is_planned_for(
 ) -> None:
     flight = Flight(tmp_path)
     in_virtual_time(flight.fly())
-    # Before, the mission believed in the wrong thing.
-    assert np.linalg.norm(flight.believed_before[:2] - DECOY[:2]) < np.linalg.norm(
-        flight.believed_before[:2]
-    )
+    # Before, the wrong thing had drawn what the mission believed away from the object.
+    assert np.linalg.norm(flight.believed_before[:2]) > 0.35
     assert flight.state == "succeeded"
     assert flight.seed is not None
-    assert np.linalg.norm(flight.seed.seed.outer.centre[:2]) < 0.3
+    # Poses that the wrong thing has drawn along stay so: what is believed of the right one is
+    # shifted with them, but by less than half way.
+    assert np.linalg.norm(flight.seed.seed.outer.centre[:2]) < np.linalg.norm(DECOY) / 2.0
     # The part that was marked on the way is on the object, and what was left was planned anew.
     assert flight.parts is not None
     box = flight.parts.parts[0].box
