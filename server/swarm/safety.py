@@ -31,6 +31,8 @@ _SIGMAS = 2.0
 _MARGIN_MAX_M = 0.6
 # A drone past a limit gives up its turn for so much more speed.
 _SLOWER_M_S = 0.01
+# Speeds that differ by less are equal, m/s.
+_ROUNDING_M_S = 1e-9
 # No wish is faster than this; far more would overflow when squared.
 _ABSURD_M_S = 1e3
 
@@ -127,6 +129,9 @@ class _Limit:
     normal: Array
     speed_m_s: float
 
+    def allows(self, velocity: Array) -> bool:
+        return float(velocity @ self.normal) <= self.speed_m_s + _ROUNDING_M_S
+
     def apply(self, velocity: Array) -> Array:
         along = float(velocity @ self.normal)
         return velocity - max(0.0, along - self.speed_m_s) * self.normal
@@ -180,7 +185,23 @@ def _limited(
     if np.array_equal(limited, coasting):
         return limited
     # What they made of it may lead elsewhere: a retreat from the fence to the object, or back.
-    return coastable(position, limited, yaw_rate, target, config)
+    coasting = coastable(position, limited, yaw_rate, target, config)
+    if all(limit.allows(coasting) for limit in limits):
+        return coasting
+    # Slowed along one axis only, it turned towards a limit: slow the others as much.
+    evenly = _slowed_evenly(limited, coasting)
+    flies_on = coastable(position, evenly, yaw_rate, target, config)
+    retreats = all(limit.allows(evenly) for limit in limits if limit.allows(coasting))
+    if retreats and np.allclose(flies_on, evenly, atol=_ROUNDING_M_S):
+        return evenly
+    return coasting
+
+
+def _slowed_evenly(velocity: Array, slower: Array) -> Array:
+    """Return ``velocity`` scaled by the smallest share that ``slower`` kept of any axis."""
+    moving = np.abs(velocity) > _ROUNDING_M_S
+    shares = slower[moving] / velocity[moving]
+    return velocity * float(np.clip(shares.min(initial=1.0), 0.0, 1.0))
 
 
 def _limits(
