@@ -29,7 +29,7 @@ from server.planner.route import route_velocity
 from server.planner.tracking import box_errors, expected_box, fly_to, wanted_view, yaw_rate_to
 from server.stages import Box, CameraPose, SeedGeometry, Setpoint, Viewpoint
 from server.swarm.fleet import Fleet
-from server.swarm.safety import flight_readings, limit_setpoint
+from server.swarm.safety import fence_for, flight_readings, limit_setpoint
 from server.vision.expectation import expected_region
 from server.vision.target import TargetEstimate, TargetEstimator, prior_target
 
@@ -45,6 +45,8 @@ _FULL_FRAME = 0.85
 # and a box that is this many times larger or smaller than believed is not the object.
 _TRIM_REACH_M = 0.35
 _TRIM_RATIO = 1.5
+# How finely goals beyond a drone's fence are moved in.
+_STEP_M = 0.1
 # So many places where the object was believed to be are kept away from.
 _PLACES_KEPT = 3
 # Seed views may miss their azimuth by this much.
@@ -159,12 +161,13 @@ class Pilot:
         return self._target.estimate()
 
     def arrived(self, drone_id: str) -> bool:
-        """Return whether the drone believes to be at its viewpoint."""
+        """Return whether the drone believes to be at its viewpoint, or as near as it may."""
         goal = self._wings[drone_id].goal
         if not isinstance(goal, Fly):
             return False
         pose, config = self.pose(drone_id), self._config.mission
-        offset_m = float(np.linalg.norm(goal.viewpoint.position_world - pose.position_world))
+        place = self._within_fence(goal.viewpoint.position_world, pose)
+        offset_m = float(np.linalg.norm(place - pose.position_world))
         turn_rad = abs(wrap_angle(goal.viewpoint.yaw_rad - pose.yaw_rad))
         return offset_m < config.arrive_m and turn_rad < config.arrive_rad
 
@@ -326,8 +329,8 @@ class Pilot:
             case Fly(viewpoint):
                 return self._towards(wing, pose, viewpoint, target, now_s)
             case Trim(viewpoint, wanted):
-                offset = viewpoint.position_world - pose.position_world
-                if np.linalg.norm(offset) > _TRIM_REACH_M:
+                place = self._within_fence(viewpoint.position_world, pose)
+                if np.linalg.norm(place - pose.position_world) > _TRIM_REACH_M:
                     return self._towards(wing, pose, viewpoint, target, now_s)
                 box = wing.fresh_box(now_s)
                 if box is not None and not self._plausible(wing, box, pose):
@@ -366,15 +369,16 @@ class Pilot:
         now_s: float,
     ) -> tuple[Array, float]:
         tracking, obstacle = self._config.planner.tracking, self._obstacle(target)
+        place = self._within_fence(viewpoint.position_world, pose)
         velocity = route_velocity(
             pose.position_world,
-            viewpoint.position_world,
+            place,
             obstacle,
             self._config.planner,
             wing.turning(viewpoint.position_world, pose, obstacle, now_s),
         )
         _, yaw_rate = fly_to(pose, viewpoint, tracking)
-        offset = viewpoint.position_world - pose.position_world
+        offset = place - pose.position_world
         if np.linalg.norm(offset[:2]) > 0.5:
             # On the way, look at the object rather than where the viewpoint will look.
             bearing = target.centre[:2] - pose.position_world[:2]
@@ -386,6 +390,13 @@ class Pilot:
             yaw_rate += across / max(float(bearing @ bearing), 0.25)
             yaw_rate = float(np.clip(yaw_rate, -limit, limit))
         return velocity, yaw_rate
+
+    def _within_fence(self, place: Array, pose: CameraPose) -> Array:
+        """Return ``place``, or where a drone as unsure as this one has to stop before it."""
+        # In steps, as whoever goes to a place that moves begins its way round the object again.
+        fence_m = _STEP_M * np.floor(fence_for(pose, self._config.safety) / _STEP_M)
+        share = min(1.0, fence_m / max(float(np.hypot(place[0], place[1])), 1e-9))
+        return place * [share, share, 1.0]
 
     def _centring_viewpoint(
         self, wing: Wing, azimuth_rad: float, target: TargetEstimate, now_s: float

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
-_MARGIN_MAX_M = 0.6
+_MARGIN_MAX_M = 1.0
 # A drone past a limit gives up its turn for so much more speed.
 _SLOWER_M_S = 0.01
 # Speeds that differ by less are equal, m/s.
@@ -137,6 +137,11 @@ class _Limit:
         return velocity - max(0.0, along - self.speed_m_s) * self.normal
 
 
+def fence_for(pose: CameraPose, config: SafetyConfig) -> float:
+    """Return the radius in metres that a drone keeps to: less, the less sure its place is."""
+    return config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
+
+
 def limit_setpoint(
     setpoint: Setpoint, pose: CameraPose, target: Box3 | None, config: SafetyConfig
 ) -> Setpoint:
@@ -176,7 +181,7 @@ def _limited(
     """Return the world velocity ``(3,)``, kept to every limit, of a drone that turns as well."""
     position = pose.position_world
     coasting = coastable(position, velocity, yaw_rate, target, config)
-    fence_m = config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
+    fence_m = fence_for(pose, config)
     limits, limited = _limits(position, target, fence_m, config), coasting
     # Limits may disturb one another; a second pass settles all but contradictory ones.
     for _ in range(2):

@@ -127,14 +127,7 @@ def test_the_summary_counts_what_happened() -> None:
         # One that has lost its hold is told to go so slowly that it might really stand.
         Case("human", 221, 0.0, "no_valid_imu", "centre"),
         # What is always cut by the pictures' edges says too little of how far away it is.
-        pytest.param(
-            Case("human", 73, 0.0, "loss=1.0", "centre"),
-            marks=pytest.mark.xfail(
-                reason="since the virtual eye errs as far as real ones do, one drone is believed a"
-                " metre off its place after three minutes, and goes 0.1 m beyond the fence",
-                strict=True,
-            ),
-        ),
+        Case("human", 73, 0.0, "loss=1.0", "centre"),
     ],
     ids=lambda case: case.name,
 )

@@ -14,7 +14,12 @@ from server.geometry.boxes import Box3
 from server.geometry.poses import camera_pose
 from server.stages import CameraPose, Setpoint, Telemetry
 from server.swarm.config import SafetyConfig, TimingConfig
-from server.swarm.safety import flight_readings, limit_setpoint, take_off_refusals
+from server.swarm.safety import (
+    fence_for,
+    flight_readings,
+    limit_setpoint,
+    take_off_refusals,
+)
 
 CONFIG = SafetyConfig()
 SIGMA_M = 0.05
@@ -243,3 +248,13 @@ def test_senseless_thresholds_are_refused_by_name(change: dict[str, float], name
 def test_senseless_times_are_refused_by_name(change: dict[str, object], name: str) -> None:
     with pytest.raises(ValueError, match=name):
         replace(TimingConfig(), **change)  # pyright: ignore[reportArgumentType]
+
+
+def test_the_fence_is_drawn_in_by_what_is_unsure_but_not_without_end() -> None:
+    def fence(sigma_m: float) -> float:
+        covariance = sigma_m**2 * np.eye(4)
+        return fence_for(replace(pose_at(1.0, 0.0, 1.0), covariance=covariance), CONFIG)
+
+    assert fence(0.0) == FENCE_M
+    assert fence(0.1) < fence(0.01) < FENCE_M
+    assert fence(50.0) == fence(5.0) > 0.5 * FENCE_M
