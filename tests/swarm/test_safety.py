@@ -255,6 +255,6 @@ def test_the_fence_is_drawn_in_by_what_is_unsure_but_not_without_end() -> None:
         covariance = sigma_m**2 * np.eye(4)
         return fence_for(replace(pose_at(1.0, 0.0, 1.0), covariance=covariance), CONFIG)
 
-    assert fence(0.0) == FENCE_M
-    assert fence(0.1) < fence(0.01) < FENCE_M
-    assert fence(50.0) == fence(5.0) > 0.5 * FENCE_M
+    assert fence(0.0) == CONFIG.fence_radius_m
+    assert fence(0.1) < fence(0.01) < CONFIG.fence_radius_m
+    assert fence(50.0) == fence(5.0) > 0.5 * CONFIG.fence_radius_m
