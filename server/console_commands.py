@@ -21,8 +21,9 @@ import numpy as np
 from server.app import StartError
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.jobs.local import LocalRunner
 from server.jobs.plan import PlanInput
-from server.jobs.runner import JobFailedError, LocalRunner
+from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec
 from server.settings import SettingsError, load_settings
 from server.sim.meshes import SceneError

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from server.app import StartError, check_runs
-from server.jobs.runner import JobFailedError, LocalRunner
+from server.jobs.local import LocalRunner
+from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec, Kind
 from server.jobs.unfinished import unfinished
 from server.settings import load_settings

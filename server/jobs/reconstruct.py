@@ -3,6 +3,7 @@
 Stages of a flight: ``live`` (train on what there is while pictures come in), ``refine`` (poses),
 ``train`` (the field that is judged, held-out pictures unseen), ``evaluate``, ``deliver`` (training
 goes on with all pictures), ``results`` (mesh and film). A dataset on disk needs the last four only.
+Stopped in any of them, it leaves behind what ``resume`` needs and delivers nothing half done.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from server.geometry.boxes import union
 from server.jobs.kept_training import KeptTraining
 from server.jobs.reports import FieldReports, tell_share
 from server.jobs.results import write_results
-from server.jobs.spec import JobSpec
+from server.jobs.spec import JobSpec, JobStoppedError
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
@@ -153,6 +154,7 @@ def _judge_and_deliver(
             progress_from=resumed_at,
         )
         kept.keep(trainer, now=True)
+    _go_on(reporter)
     samples_per_s = trainer.samples_per_s
     with stages.stage("evaluate"):
         reports.begin("evaluate", None, [])
@@ -170,6 +172,7 @@ def _judge_and_deliver(
             should_stop=reporter.should_stop,
             progress_from=_DELIVER_FROM,
         )
+        _go_on(reporter)
         trainer.save(out / "checkpoint.npz")
         reports.show_preview(width=640, height=480)
     result = {
@@ -188,9 +191,16 @@ def _judge_and_deliver(
     if wanted.results:
         with stages.stage("results"):
             result["missing"] = write_results(trainer, out, reporter)
+        _go_on(reporter)
         _write_whole(out / "metrics.json", result)
     kept.end()
     return result
+
+
+def _go_on(reporter: Reporter) -> None:
+    """Raise JobStoppedError if somebody asked for the end."""
+    if reporter.should_stop():
+        raise JobStoppedError("stopped; it can go on where it was")
 
 
 def _done(trainer: Trainer, wanted: ReconstructInput) -> float:
@@ -242,7 +252,10 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
     trainer: Trainer | None = None
     reports: FieldReports | None = None
     begun_s = time.monotonic()
-    while not _complete(wanted.dataset) and not reporter.should_stop():
+    while not _complete(wanted.dataset):
+        _go_on(reporter)
+        if reporter.orphaned():
+            raise JobStoppedError("the console ended before the flight did")
         count = sum(picture.still for picture in read_pictures(wanted.dataset))
         if count < _LIVE_PICTURES:
             time.sleep(_POLL_S)
@@ -301,6 +314,7 @@ def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> Refi
         lambda _what, share: tell(share),
         reporter.should_stop,
     )
+    _go_on(reporter)  # What was cut short must not be taken for refined.
     stills = np.array([picture.still for picture in pictures])
     T_world_cam, refined = poses.T_world_cam[stills], poses.refined[stills]
     sigma_m, sigma_rad = poses.sigma_m[stills], poses.sigma_rad[stills]

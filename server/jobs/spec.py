@@ -3,7 +3,7 @@
 A job is a folder with ``spec.json``. The worker prints one JSON object per line on stdout and
 copies it to ``events.jsonl``; each has ``event`` (``progressed``, ``found``, ``preview``,
 ``refined``, ``metrics``, ``done`` or ``failed``) and what belongs to it. The file ``stop`` asks the
-worker to end at its next step.
+worker to end at its next step. ``heartbeat`` says whether one is at work.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol
+
+# Files of a job's folder.
+EVENTS, STOP = "events.jsonl", "stop"
 
 Kind = Literal["plan", "reconstruct", "render", "export"]
 
@@ -28,6 +31,10 @@ class Reporting(Protocol):
         ...
 
 
+class JobStoppedError(Exception):
+    """Somebody asked for the end before the job was done; the text says what is left."""
+
+
 @dataclass(frozen=True, slots=True)
 class JobSpec:
     """One piece of background work.
@@ -38,6 +45,7 @@ class JobSpec:
         seed: Seed of everything random in it.
         threads: CPU threads it may use.
         niceness: Added to the process's nice value; higher yields more to flight.
+        attached: It ends when whoever started it is gone; else it goes on and may be adopted.
     """
 
     kind: Kind
@@ -45,6 +53,7 @@ class JobSpec:
     seed: int = 0
     threads: int = 1
     niceness: int = 10
+    attached: bool = True
 
     def write(self, folder: Path) -> None:
         """Write ``spec.json`` into ``folder``, which is made if needed."""

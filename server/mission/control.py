@@ -20,7 +20,8 @@ from typing import Any
 
 import cv2
 
-from server.jobs.runner import JobRunner, LocalRunner
+from server.jobs.local import LocalRunner
+from server.jobs.runner import JobRunner
 from server.mission.checklist import Check, check_console, check_disk, check_drone, problems
 from server.mission.commands import (
     CaptureRecord,
@@ -58,6 +59,7 @@ from server.mission.phases import AIRBORNE
 from server.mission.pilot import Pilot
 from server.mission.pointing import Pointing
 from server.mission.priorities import Priorities
+from server.mission.recovery import Recovery
 from server.mission.start_places import start_place
 from server.recording.config import RecordingConfig
 from server.recording.repair import repair_all
@@ -148,6 +150,7 @@ class Control:
             self._console_checks,
         )
         self._disk = DiskWatch(runs)
+        self._recovery = Recovery(runner, events, self._keep)
         self._records: dict[str, CaptureRecord] = _records_on_disk(runs)
         self._fired = 0  # Number of the newest failsafe told.
         self._failsafes: deque[FailsafeFired] = deque(maxlen=_FAILSAFES_KEPT)
@@ -157,6 +160,7 @@ class Control:
         self._recording = recording
         self._recording_task: asyncio.Task[None] | None = None
         self._repairing: asyncio.Task[list[Path]] | None = None
+        self._adopting: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._connecting: asyncio.Task[None] | None = None
         self._failed_task = ""  # A standing task that has ended, which none should.
@@ -174,8 +178,10 @@ class Control:
             asyncio.create_task(self._disk.run(), name="disk watch"),
             asyncio.create_task(self._disagreement.run(self._observers), name="agreement"),
         ]
-        # Connecting and repairing end by themselves, so they are no standing tasks.
+        # Connecting, adopting and repairing end by themselves, so they are no standing tasks.
         self._connecting = asyncio.create_task(self._connect(), name="connect")
+        left = list(self._records.values())
+        self._adopting = asyncio.create_task(self._recovery.adopt(left), name="adopt")
         if self._recording is not None:
             files = [run.path / RECORDING for run in list_runs(self._runs)]
             self._repairing = asyncio.create_task(
@@ -198,8 +204,9 @@ class Control:
         await self.end_capture()
         if self._recording_task is not None and not self._recording_task.done():
             await asyncio.wait([self._recording_task], timeout=self._recording_patience_s())
-        passing = (task for task in (self._connecting, self._repairing) if task is not None)
-        tasks = [*self._tasks, *passing]
+        await self._recovery.close()
+        ends = (self._connecting, self._adopting, self._repairing)
+        tasks = [*self._tasks, *(task for task in ends if task is not None)]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -353,6 +360,7 @@ class Control:
         self._refuse_if_broken()
         if self._mission_task is not None and not self._mission_task.done():
             raise RefusedError("a capture is running; abort it or wait for its end")
+        self._recovery.refuse_while_running()
         held = [d for d in drones if self._fleet.drones[d].held]
         if held:
             raise RefusedError(f"{', '.join(held)} held; re-arm first")
@@ -410,8 +418,17 @@ class Control:
         return self._steer(capture_id, lambda mission: mission.pause())
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
-        """Go on; raises UnknownError or RefusedError."""
-        self.capture(capture_id)
+        """Go on; of a capture whose console is gone, with its training.
+
+        Raises UnknownError or RefusedError.
+        """
+        record = self.capture(capture_id)
+        flies = self._mission_task is not None and not self._mission_task.done()
+        if not flies or not self._is_current(capture_id):
+            if flies:
+                raise RefusedError("another capture is running; abort it or wait for its end")
+            await self._recovery.resume(record)
+            return self._records[capture_id]
         self._refuse_if_broken()
         record = self._steer(capture_id, lambda mission: mission.resume())
         if not self._flying_mission():
@@ -420,14 +437,17 @@ class Control:
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         """Land all drones and end; what was taken stays; raises UnknownError or RefusedError."""
+        if self._recovery.has(capture_id):
+            await self._recovery.cancel(capture_id)
+            return self._records[capture_id]
         return self._steer(capture_id, lambda mission: mission.abort("aborted by the operator"))
 
     async def delete_capture(self, capture_id: str) -> None:
         """Delete a capture and its run folder; raises UnknownError or RefusedError."""
         folder = self.run_folder(capture_id)
         flown, recorded = self._mission_task, self._recording_task
-        current = self._mission is not None and self._mission.run_folder.id == capture_id
-        if current and any(task is not None and not task.done() for task in (flown, recorded)):
+        busy = any(task is not None and not task.done() for task in (flown, recorded))
+        if self._recovery.has(capture_id) or (self._is_current(capture_id) and busy):
             raise RefusedError("this capture is not over; abort it first")
         try:
             await asyncio.to_thread(delete_run, folder)
@@ -440,10 +460,15 @@ class Control:
     async def wait_for_capture(self, capture_id: str) -> CaptureRecord:
         """Return the capture's record once it has ended; raises UnknownError."""
         self.capture(capture_id)
-        if self._mission is not None and self._mission.run_folder.id == capture_id:
+        if self._is_current(capture_id):
             assert self._mission_task is not None
             await asyncio.wait([self._mission_task])
+        await self._recovery.ended(capture_id)
         return self.capture(capture_id)
+
+    def _is_current(self, capture_id: str) -> bool:
+        """Return whether the newest mission of this console is that capture's."""
+        return self._mission is not None and self._mission.run_folder.id == capture_id
 
     def _steer(self, capture_id: str, act: Any) -> CaptureRecord:
         self.capture(capture_id)
@@ -531,6 +556,8 @@ class Control:
 
     def _log(self, event: Noted | CaptureChanged) -> None:
         """Write what an operator was told into the run's own log."""
+        if isinstance(event, CaptureChanged) and not self._is_current(event.id):
+            return
         if self._mission is None or self._mission_task is None or self._mission_task.done():
             return
         fields = dataclasses.asdict(event)

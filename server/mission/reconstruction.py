@@ -9,6 +9,8 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import numpy as np
 from server.geometry.cameras import Intrinsics
 from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
+from server.jobs.unfinished import unfinished
 from server.mission.commands import CaptureRequest
 from server.mission.events import (
     EventStream,
@@ -35,7 +38,11 @@ _LIVE_NICENESS = 10
 
 
 class Reconstruction:
-    """The reconstruction of one run."""
+    """The reconstruction of one run.
+
+    Attributes:
+        cancelled: True once somebody wanted its end.
+    """
 
     def __init__(
         self, request: CaptureRequest, run: RunFolder, runner: JobRunner, events: EventStream
@@ -47,6 +54,7 @@ class Reconstruction:
         self._job: Job | None = None
         self._following: asyncio.Task[dict[str, Any]] | None = None
         self._finishing_since_s: float | None = None
+        self.cancelled = False
 
     def seconds_total(self) -> float:
         """Return how long the work after the flight is expected to take."""
@@ -61,27 +69,56 @@ class Reconstruction:
 
     async def start(self) -> None:
         """Start the worker unless it has been started."""
+        await self._submit(
+            {
+                "source": "flight",
+                "dataset": str(self._run.path.resolve()),
+                "train_seconds": self._request.train_seconds,
+                "test_every": 8,
+                "mode": self._request.mode,
+            },
+            self._request.seed,
+        )
+
+    async def resume(self) -> None:
+        """Start a worker that goes on where the last one was cut off.
+
+        Raises:
+            ValueError: If nothing was cut off.
+        """
+        parameters, seed = await asyncio.to_thread(unfinished, self._run.path.resolve())
+        await self._submit(parameters, seed)
+
+    async def adopt(self) -> bool:
+        """Follow the worker that an earlier console left; returns whether there is one."""
+        job = await self._runner.adopt(self._folder)
+        if job is not None:
+            self._begin_to_follow(job)
+        return job is not None
+
+    @property
+    def _folder(self) -> Path:
+        return self._run.path / "jobs" / "reconstruct"
+
+    async def _submit(self, parameters: dict[str, Any], seed: int) -> None:
         if self._following is not None:
             return
-        parameters = {
-            "source": "flight",
-            "dataset": str(self._run.path.resolve()),
-            "train_seconds": self._request.train_seconds,
-            "test_every": 8,
-            "mode": self._request.mode,
-        }
         spec = JobSpec(
             "reconstruct",
             parameters,
-            seed=self._request.seed,
+            seed=seed,
             threads=os.cpu_count() or 1,
             niceness=_LIVE_NICENESS,
+            attached=False,
         )
-        self._job = await self._runner.submit(spec, self._run.path / "jobs" / "reconstruct")
-        self._following = asyncio.create_task(self._follow(self._job), name="reconstruction")
+        self._begin_to_follow(await self._runner.submit(spec, self._folder))
+
+    def _begin_to_follow(self, job: Job) -> None:
+        self._job = job
+        self._following = asyncio.create_task(self._follow(job), name="reconstruction")
         self._following.add_done_callback(self._warn_of_failure)
 
-    async def finish(self, flight_seconds: dict[str, float]) -> None:
+    async def finish(self, flight_seconds: Mapping[str, float]) -> None:
         """Wait for the end and complete ``metrics.json`` with the flight's seconds.
 
         Raises:
@@ -96,13 +133,14 @@ class Reconstruction:
 
     async def cancel(self) -> None:
         """End the worker if it runs."""
+        self.cancelled = True
         if self._job is not None:
             await self._job.cancel()
         if self._following is not None:
             await asyncio.wait([self._following])
 
     def _warn_of_failure(self, task: asyncio.Task[dict[str, Any]]) -> None:
-        if task.cancelled():
+        if task.cancelled() or self.cancelled:
             return
         error = task.exception()
         if isinstance(error, JobFailedError):

@@ -46,3 +46,7 @@ class PromptRunner:
     async def submit(self, spec: JobSpec, folder: Path) -> PromptJob:
         """Return the job."""
         return PromptJob(spec)
+
+    async def adopt(self, folder: Path) -> None:
+        """Return None: nothing outlives this process."""
+        return None

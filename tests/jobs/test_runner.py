@@ -8,7 +8,8 @@ from dataclasses import asdict
 import pytest
 
 from server.geometry.cameras import TELLO_INTRINSICS
-from server.jobs.runner import JobFailedError, LocalRunner
+from server.jobs.local import LocalRunner
+from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec
 
 pytestmark = pytest.mark.slow

@@ -26,7 +26,7 @@ from server.app import free_loopback_block
 from server.bench.console_process import command, served_console, until_activity
 from server.geometry.cameras import TELLO_INTRINSICS
 from server.geometry.poses import look_at
-from server.jobs.runner import LocalRunner
+from server.jobs.local import LocalRunner
 from server.jobs.spec import JobSpec
 from server.nerf.dataset import PosedFile, write_transforms
 from server.sim.config import SimConfig

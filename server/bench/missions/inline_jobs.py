@@ -67,3 +67,7 @@ class InlineRunner:
         if spec.kind != "plan":
             raise JobFailedError(f"no {spec.kind} jobs in virtual time")
         return InlineJob(spec, self._hangs)
+
+    async def adopt(self, folder: Path) -> None:
+        """Return None: nothing outlives this process."""
+        return None
