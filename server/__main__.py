@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, ExitStack
 from ipaddress import IPv4Network
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,8 @@ from server.field_commands import add_field_commands
 from server.flight_commands import add_flight_commands
 from server.library_commands import add_library_commands
 from server.mission.commands import CaptureRequest
-from server.settings import SettingsError, load_settings
+from server.service_log import json_log
+from server.settings import Settings, SettingsError, load_settings
 from server.sim.words import LEVELS
 from server.terminal import (
     SCENES,
@@ -146,13 +147,16 @@ async def _demo(arguments: argparse.Namespace) -> int:
 
 def serve(arguments: argparse.Namespace) -> int:
     """Run the console."""
-    return asyncio.run(_serve(arguments))
+    settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
+    with ExitStack() as stack:
+        if settings.log == "json":
+            stack.enter_context(json_log(logging.DEBUG if arguments.verbose else logging.INFO))
+        return asyncio.run(_serve(arguments, settings))
 
 
-async def _serve(arguments: argparse.Namespace) -> int:
+async def _serve(arguments: argparse.Namespace, settings: Settings) -> int:
     if arguments.fleet is not None and arguments.fault:
         raise StartError("--fault is for simulated drones, so not with --fleet")
-    settings = load_settings(host=arguments.host, port=arguments.port, runs=arguments.runs)
     check_runs(settings.runs)
     settings.open_token()
     stop = stop_signal()

@@ -27,12 +27,17 @@ import uvicorn
 from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
+from server.jobs.local import LocalRunner
+from server.jobs.ray_runner import RayRunner
+from server.jobs.runner import JobRunner
 from server.mission.control import Control
 from server.mission.events import EventStream
+from server.mission.librarian import Librarian, at_work
 from server.scene.config import SceneConfig
 from server.scene.scene import SceneView
 from server.settings import Settings
 from server.sim.config import SimConfig, fleet_config
+from server.store.database import catalogue_url
 from server.swarm.config import FleetConfig
 from server.swarm.fleet import Fleet
 from server.swarm.fleet_file import FleetFileError, load_fleet
@@ -212,6 +217,24 @@ def check_runs(folder: Path) -> None:
 
 
 @asynccontextmanager
+async def job_runner(settings: Settings) -> AsyncIterator[JobRunner]:
+    """Open what runs jobs: this machine, or a Ray cluster.
+
+    Raises:
+        StartError: If the address for the cluster's callbacks cannot be had.
+    """
+    if settings.runner == "local":
+        yield LocalRunner()
+        return
+    async with AsyncExitStack() as stack:
+        try:
+            runner = await stack.enter_async_context(RayRunner(settings.ray))
+        except OSError as error:
+            raise StartError(f"ray.callback_host and callback_port: {error.strerror}") from error
+        yield runner
+
+
+@asynccontextmanager
 async def flying(
     settings: Settings, fleet_config: FleetConfig
 ) -> AsyncIterator[tuple[Control, Fleet]]:
@@ -233,7 +256,12 @@ async def flying(
         except LinkError as error:
             raise StartError(str(error)) from error
         control = Control(
-            fleet, settings.runs, settings.flight(), EventStream(), recording=settings.recording
+            fleet,
+            settings.runs,
+            settings.flight(),
+            EventStream(),
+            runner=await stack.enter_async_context(job_runner(settings)),
+            recording=settings.recording,
         )
         await stack.enter_async_context(control)
         try:
@@ -261,6 +289,21 @@ async def land_all(fleet: Fleet) -> None:
         await asyncio.sleep(0.1)
 
 
+def catalogue_text(settings: Settings) -> str | None:
+    """Return the URL of the catalogue's database, None for a file in the runs folder.
+
+    Raises:
+        StartError: If it is none.
+    """
+    secret = settings.database_url
+    text = None if secret is None else secret.get_secret_value()
+    try:
+        catalogue_url(settings.runs, text)
+    except ValueError as error:
+        raise StartError(str(error)) from error
+    return text
+
+
 @asynccontextmanager
 async def console(
     settings: Settings, control: Control, fleet: Fleet, sock: socket.socket
@@ -276,6 +319,15 @@ async def console(
             stack.push_async_callback(_end, follow)
         except Exception:
             logger.exception("the 3D scene did not start; everything else works without it")
+        librarian = Librarian(
+            settings.runs,
+            catalogue_text(settings),
+            settings.retention,
+            control.events,
+            control.live,
+            control.forget,
+        )
+        await stack.enter_async_context(at_work(librarian))
         token = settings.open_token()
         web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
         server = _Server(uvicorn_config(web))

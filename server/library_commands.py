@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
-from server.app import StartError, check_runs
+from server.app import StartError, catalogue_text, check_runs
 from server.settings import Settings, load_settings
 from server.store.catalogue import Catalogue
 
@@ -35,10 +35,8 @@ def run_library(arguments: argparse.Namespace) -> int:
     """Run one action on the catalogue and print its result."""
     settings = load_settings(runs=arguments.runs)
     check_runs(settings.runs)
-    secret = settings.database_url
-    url = None if secret is None else secret.get_secret_value()
     try:
-        with Catalogue(settings.runs, url) as catalogue:
+        with Catalogue(settings.runs, catalogue_text(settings)) as catalogue:
             result = _act(arguments.action, catalogue, settings)
     except ValueError as error:
         raise StartError(str(error)) from error

@@ -14,7 +14,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import Field, SecretStr, ValidationError
 from pydantic_settings import (
@@ -25,6 +25,7 @@ from pydantic_settings import (
 )
 from pydantic_settings import SettingsError as SettingsSourceError
 
+from server.jobs.config import RayConfig
 from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
 from server.planner.margins import space_within
@@ -54,6 +55,9 @@ class Settings(BaseSettings):
         vision: Region search, boxes, seed geometry, pose filter.
         safety: Fence, battery, link and separation limits.
         recording: Whether flights are recorded, and the bounds of the file.
+        log: Form of the service's log: ``text`` (warnings alone) or ``json`` (one object a line).
+        runner: Where fields are trained: ``local`` (this machine) or ``ray`` (a cluster).
+        ray: That cluster.
     """
 
     model_config = SettingsConfigDict(
@@ -72,6 +76,9 @@ class Settings(BaseSettings):
     vision: VisionConfig = VisionConfig()
     safety: SafetyConfig = SafetyConfig()
     recording: RecordingConfig = RecordingConfig()
+    log: Literal["text", "json"] = "text"
+    runner: Literal["local", "ray"] = "local"
+    ray: RayConfig = RayConfig()
 
     @classmethod
     def settings_customise_sources(

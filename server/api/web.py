@@ -21,6 +21,7 @@ from server.api.journal import Journal
 from server.api.objects import make_objects_router
 from server.api.pages import SecurityHeaders
 from server.api.problems import Problem, described, install_problems
+from server.api.request_ids import RequestIds
 from server.api.results import make_results_router
 from server.api.safety import make_safety_router
 from server.api.scene_bridge import make_scene_router
@@ -98,6 +99,7 @@ def make_web(
     # The one added last stands outermost.
     web.add_middleware(DoorKeeper, door=door)
     web.add_middleware(SecurityHeaders)
+    web.add_middleware(RequestIds)
     return web
 
 

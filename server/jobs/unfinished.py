@@ -26,6 +26,10 @@ def unfinished(run: Path) -> tuple[dict[str, Any], int]:
             raise ValueError("it is finished")
         # A capture that was cut off before any training began.
         request = json.loads((run / "capture.json").read_text())["request"]
+        if not request["train_seconds"] > 0:
+            raise ValueError("none was ordered")
+        if not (run / "transforms.json").is_file():
+            raise ValueError("no picture was taken")
         parameters = {
             "source": "flight",
             "dataset": str(run),

@@ -90,6 +90,11 @@ def main() -> int:
         return 2
     os.nice(spec.niceness)
     reporter = Reporter(folder, attached=spec.attached)
+    return work(spec, reporter)
+
+
+def work(spec: JobSpec, reporter: Reporter) -> int:
+    """Do a job, tell how it ended, and return the exit code."""
     try:
         result = importlib.import_module(_PROGRAMS[spec.kind]).run(spec, reporter)
     except JobStoppedError as stopped:

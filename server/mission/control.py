@@ -225,6 +225,17 @@ class Control:
 
         await asyncio.gather(*(connect_one(drone) for drone in self._fleet.drones.values()))
 
+    def live(self) -> frozenset[str]:
+        """Return the captures somebody works on."""
+        tasks = (self._mission_task, self._recording_task)
+        current = [] if self._mission is None else [self._mission.run_folder.id]
+        flown = current if any(task is not None and not task.done() for task in tasks) else []
+        return frozenset(flown) | {name for name in self._records if self._recovery.has(name)}
+
+    def forget(self, capture_id: str) -> None:
+        """Forget a capture whose folder is gone."""
+        self._records.pop(capture_id, None)
+
     def _refuse_if_broken(self) -> None:
         if self._failed_task:
             raise RefusedError(
@@ -423,13 +434,13 @@ class Control:
         Raises UnknownError or RefusedError.
         """
         record = self.capture(capture_id)
+        self._refuse_if_broken()
         flies = self._mission_task is not None and not self._mission_task.done()
         if not flies or not self._is_current(capture_id):
             if flies:
                 raise RefusedError("another capture is running; abort it or wait for its end")
             await self._recovery.resume(record)
             return self._records[capture_id]
-        self._refuse_if_broken()
         record = self._steer(capture_id, lambda mission: mission.resume())
         if not self._flying_mission():
             self._begin_unwatched()
@@ -445,9 +456,7 @@ class Control:
     async def delete_capture(self, capture_id: str) -> None:
         """Delete a capture and its run folder; raises UnknownError or RefusedError."""
         folder = self.run_folder(capture_id)
-        flown, recorded = self._mission_task, self._recording_task
-        busy = any(task is not None and not task.done() for task in (flown, recorded))
-        if self._recovery.has(capture_id) or (self._is_current(capture_id) and busy):
+        if capture_id in self.live():
             raise RefusedError("this capture is not over; abort it first")
         try:
             await asyncio.to_thread(delete_run, folder)
@@ -455,7 +464,7 @@ class Control:
             raise RefusedError(f"not all of it could be deleted: {error}") from error
         finally:
             if not folder.exists():
-                self._records.pop(capture_id, None)
+                self.forget(capture_id)
 
     async def wait_for_capture(self, capture_id: str) -> CaptureRecord:
         """Return the capture's record once it has ended; raises UnknownError."""

@@ -96,7 +96,7 @@ class Recovery:
         try:
             if not await work.adopt():
                 await work.resume()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, JobFailedError) as error:
             raise RefusedError(str(error)) from error
         self._follow(record, work)
 

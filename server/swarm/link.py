@@ -5,10 +5,13 @@ Command replies, state reports and video arrive on three local ports, see ``serv
 
 from __future__ import annotations
 
+import logging
 from typing import Protocol
 
 from server.swarm.config import DroneConfig
 from server.swarm.ports import VIDEO_BUFFER_BYTES, LinkError, Port, PortBoard, Receiver
+
+logger = logging.getLogger(__name__)
 
 
 class DroneLink(Protocol):
@@ -80,6 +83,9 @@ class UdpDroneLink:
         port, to = self._command, (self.address, self._config.command_port)
         if port is None or not self.address or not port.send(datagram, to):
             self.unsent += 1
+        elif not datagram.startswith(b"rc "):
+            # After it was sent: nothing comes before a stop. Sticks go out ten times a second.
+            logger.info("sent %s", datagram, extra={"drone_id": self._config.id})
 
     def close(self) -> None:
         """See ``DroneLink.close``."""

@@ -78,8 +78,15 @@ def test_a_capture_cut_off_before_its_training_is_taken_up_as_it_was_ordered(
 ) -> None:
     request = {"train_seconds": 20.0, "mode": "standard", "seed": 4}
     (tmp_path / "capture.json").write_text(json.dumps({"request": request}))
+    with pytest.raises(ValueError, match="no picture was taken"):
+        unfinished(tmp_path)
+    (tmp_path / "transforms.json").touch()
     parameters, seed = unfinished(tmp_path)
     assert (parameters["source"], parameters["train_seconds"], seed) == ("flight", 20.0, 4)
+    request["train_seconds"] = 0.0
+    (tmp_path / "capture.json").write_text(json.dumps({"request": request}))
+    with pytest.raises(ValueError, match="none was ordered"):
+        unfinished(tmp_path)
 
 
 def test_where_there_is_nothing_to_go_on_with_it_says_so(tmp_path: Path) -> None:

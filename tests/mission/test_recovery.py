@@ -71,6 +71,7 @@ def cut_off_capture(runs: Path) -> RunFolder:
             "seconds": {"fly": 31.0},
         }
     )
+    (run.path / "transforms.json").touch()
     return run
 
 
