@@ -17,8 +17,10 @@ def licence(package: Distribution) -> str:
     told = package.metadata
     if expression := told.get("License-Expression"):
         return expression
-    names = [c.split(" :: ")[-1] for c in told.get_all("Classifier") or [] if c.startswith("License")]
-    names = [name for name in names if name != "OSI Approved"]
+    classes = [line.split(" :: ") for line in told.get_all("Classifier") or []]
+    names = [
+        words[-1] for words in classes if words[0] == "License" and words[-1] != "OSI Approved"
+    ]
     if names:
         return ", ".join(names)
     # Some put the whole text here; its first line names it.

@@ -16,12 +16,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from server.app import StartError, check_runs
+from server.app import StartError, check_runs, job_runner
 from server.jobs.local import LocalRunner
-from server.jobs.runner import JobFailedError
+from server.jobs.runner import JobFailedError, JobRunner
 from server.jobs.spec import JobSpec, Kind
 from server.jobs.unfinished import unfinished
-from server.settings import load_settings
+from server.settings import Settings, load_settings
 from server.store.runs import run_id
 from server.terminal import TrainingBar, count, metrics_table, seconds, seed
 
@@ -105,14 +105,16 @@ def run_train(arguments: argparse.Namespace) -> int:
             parameters, started_with = unfinished(arguments.dataset.resolve())
         except ValueError as error:
             raise StartError(str(error)) from error
-        return asyncio.run(_work("reconstruct", parameters, arguments, seed=started_with))
+        return asyncio.run(_train(parameters, arguments, started_with, settings))
     if arguments.seconds is None and arguments.steps is None:
         arguments.seconds = 60.0
+    # A sweep begins several in the same second.
+    name = f"train {arguments.dataset.name}" + (f" seed {arguments.seed}" if arguments.seed else "")
     parameters = {
         "source": "dataset",
         "dataset": str(arguments.dataset.resolve()),
         # The worker makes this folder once the dataset has turned out to be readable.
-        "out": str(settings.runs.resolve() / run_id(f"train {arguments.dataset.name}")),
+        "out": str(settings.runs.resolve() / run_id(name)),
         "train_seconds": arguments.seconds,
         "steps": arguments.steps,
         "downscale": arguments.downscale,
@@ -121,7 +123,7 @@ def run_train(arguments: argparse.Namespace) -> int:
         "backend": arguments.backend,
         "results": not arguments.field_only,
     }
-    return asyncio.run(_work("reconstruct", parameters, arguments, seed=arguments.seed))
+    return asyncio.run(_train(parameters, arguments, arguments.seed, settings))
 
 
 def run_render(arguments: argparse.Namespace) -> int:
@@ -137,7 +139,7 @@ def run_render(arguments: argparse.Namespace) -> int:
         "width": width,
         "height": height,
     }
-    return asyncio.run(_work("render", parameters, arguments))
+    return asyncio.run(_work("render", parameters, arguments, LocalRunner()))
 
 
 def run_export(arguments: argparse.Namespace) -> int:
@@ -148,17 +150,36 @@ def run_export(arguments: argparse.Namespace) -> int:
         "out": None if arguments.out is None else str(arguments.out.resolve()),
         "cells": arguments.cells,
     }
-    return asyncio.run(_work("export", parameters, arguments))
+    return asyncio.run(_work("export", parameters, arguments, LocalRunner()))
+
+
+async def _train(
+    parameters: dict[str, Any], arguments: argparse.Namespace, seed: int, settings: Settings
+) -> int:
+    """Train where the settings say, this machine or a cluster."""
+    shared: Path | None = None
+    if settings.runner == "ray":
+        # Its nodes see the runs, but not this machine's temporary files.
+        shared = settings.runs.resolve()
+        shared.mkdir(parents=True, exist_ok=True)
+    async with job_runner(settings) as runner:
+        return await _work("reconstruct", parameters, arguments, runner, seed=seed, place=shared)
 
 
 async def _work(
-    kind: Kind, parameters: dict[str, Any], arguments: argparse.Namespace, *, seed: int = 0
+    kind: Kind,
+    parameters: dict[str, Any],
+    arguments: argparse.Namespace,
+    runner: JobRunner,
+    *,
+    seed: int = 0,
+    place: Path | None = None,
 ) -> int:
-    """Have the worker do a job, show its progress, print its result; return the exit code."""
+    """Have a job done, show its progress, print its result; return the exit code."""
     spec = JobSpec(kind, parameters, seed=seed, threads=os.cpu_count() or 1, niceness=0)
     started_s = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="dronerf-job-") as folder:
-        job = await LocalRunner().submit(spec, Path(folder))
+    with tempfile.TemporaryDirectory(prefix=".dronerf-job-", dir=place) as folder:
+        job = await runner.submit(spec, Path(folder))
         bar = TrainingBar()
         done: dict[str, Any] = {}
         try:

@@ -91,6 +91,39 @@ async def test_pictures_and_results_travel_through_a_store(head: RayHead, tmp_pa
     assert list(store.iterdir()) == [], "the store is left as it was found"
 
 
+async def test_a_sweep_from_the_shell_is_commands_side_by_side(
+    head: RayHead, tmp_path: Path
+) -> None:
+    write_cut_out_scene(tmp_path / "data")
+    environment = os.environ | {
+        "DRONERF_RUNNER": "ray",
+        "DRONERF_RAY__ADDRESS": head.address,
+        "DRONERF_RAY__PYTHON": sys.executable,
+        "DRONERF_RAY__CPUS": "1",
+    }
+
+    async def train(seed: int) -> dict[str, Any]:
+        command = ["-P", "-m", "server", "train", "data", "--steps", "20", "--field-only", "--json"]
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            *command,
+            *("--seed", str(seed), "--runs", str(tmp_path / "runs")),
+            cwd=tmp_path,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        out, told = await process.communicate()
+        assert process.returncode == 0, told.decode()
+        return json.loads(out)
+
+    one, two = await asyncio.gather(train(1), train(2))
+    # Nothing but the runs is left.
+    assert {str(run) for run in (tmp_path / "runs").iterdir()} == {one["run"], two["run"]}
+    for result in (one, two):
+        assert (Path(result["run"]) / "checkpoint.npz").exists()
+
+
 async def test_a_running_job_is_cancelled_and_a_queued_one(head: RayHead, tmp_path: Path) -> None:
     async with RayRunner(config(head, cpus=2)) as runner:
         running = await runner.submit(training(tmp_path, 100_000), tmp_path / "job-1")
