@@ -65,9 +65,7 @@ def test_a_killed_training_goes_on_and_ends_as_if_nothing_had_happened(tmp_path:
     assert 0.0 < result["resumed_at"] < 1.0
     expected = json.loads((tmp_path / "whole" / "metrics.json").read_text())
     assert expected["resumed_at"] == 0.0
-    # From where it was killed the schedule differs in its last bits, and training amplifies that.
-    # That nothing of the state is lost is shown to four digits in tests/nerf/test_training.py.
-    assert result["psnr_db"] == pytest.approx(expected["psnr_db"], abs=0.05)
+    assert result["psnr_db"] == pytest.approx(expected["psnr_db"], abs=1e-3)
     assert sorted(file.name for file in run.iterdir()) == sorted(
         file.name for file in (tmp_path / "whole").iterdir()
     )
