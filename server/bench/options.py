@@ -23,6 +23,8 @@ class Options:
         only: For missions: fly those alone whose name holds this, empty for all.
         out: Folder for pictures and finished parts, None for none.
         resume: Whether to go on from the parts in ``out``.
+        pictures: For the table: counts of pictures to draw a curve over, none for no curve.
+        drones: For the table: counts of drones likewise.
     """
 
     scenes: tuple[str, ...]
@@ -32,6 +34,8 @@ class Options:
     only: str
     out: Path | None
     resume: bool
+    pictures: tuple[int, ...] = ()
+    drones: tuple[int, ...] = ()
 
     @property
     def threads(self) -> int:
