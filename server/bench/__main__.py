@@ -64,6 +64,11 @@ def main() -> int:
         metavar="N",
         help="table1: also with so many drones; repeat for a curve",
     )
+    parser.add_argument(
+        "--ablations",
+        action="store_true",
+        help="table1: also the mission without each of its parts",
+    )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
     parser.add_argument("--json", action="store_true", help="print one JSON object on one line")
@@ -72,8 +77,10 @@ def main() -> int:
         parser.error("--resume needs --out")
     if (arguments.faults or arguments.only) and arguments.name != "mission":
         parser.error("--faults and --only are for the bench mission")
-    if (arguments.pictures or arguments.drones) and arguments.name != "table1":
-        parser.error("--pictures and --drones are for the bench table1")
+    if arguments.name != "table1" and (
+        arguments.pictures or arguments.drones or arguments.ablations
+    ):
+        parser.error("--pictures, --drones and --ablations are for the bench table1")
     bench = importlib.import_module(_BENCHES[arguments.name])
     all_scenes = getattr(bench, "SCENES", SCENES)
     options = Options(
@@ -86,6 +93,7 @@ def main() -> int:
         resume=arguments.resume,
         pictures=tuple(arguments.pictures or ()),
         drones=tuple(arguments.drones or ()),
+        ablations=arguments.ablations,
     )
     try:
         for scene in options.scenes:

@@ -106,6 +106,7 @@ def fly_capture(
     *,
     mode: Mode = "optimized",
     drones: int = 4,
+    config: FlightConfig | None = None,
     make_video: Callable[[SimConfig], Video] | None = None,
 ) -> FlownCapture:
     """Fly a capture of ``pictures`` stills into a run below ``folder``.
@@ -117,6 +118,7 @@ def fly_capture(
         folder: Where the run's folder goes.
         mode: The capture's.
         drones: How many fly.
+        config: Numbers of everything that flies, None for the usual ones.
         make_video: Makes what the mission's own eyes look at; None: virtual eyes.
 
     Raises:
@@ -126,18 +128,31 @@ def fly_capture(
     sim = SimConfig(scene=scene, seed=seed, drones=drones)
     request = CaptureRequest(mode=mode, pictures=pictures, train_seconds=0.0, seed=seed)
     video = None if make_video is None else make_video(sim)
-    return in_virtual_time(_Flight(sim, request, folder, video).fly())
+    flight = _Flight(sim, request, folder, config or usual_config(), video)
+    return in_virtual_time(flight.fly())
+
+
+def usual_config() -> FlightConfig:
+    """Return the config of a flight where nobody says otherwise."""
+    return FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
 
 
 class _Flight:
     """One capture under way."""
 
     def __init__(
-        self, sim: SimConfig, request: CaptureRequest, folder: Path, video: Video | None
+        self,
+        sim: SimConfig,
+        request: CaptureRequest,
+        folder: Path,
+        config: FlightConfig,
+        video: Video | None,
     ) -> None:
         self._sim = sim
         self._request = request
         self._folder = folder
+        # Nobody will bring batteries: a grounded capture ends soon.
+        self._config = replace(config, mission=replace(config.mission, grounded_timeout_s=20.0))
         self._video = video
         self._tellos = {sim.drone_id(i): Tello(sim, i) for i in range(sim.drones)}
         self._cameras = {d: VirtualCamera(tello) for d, tello in self._tellos.items()}
@@ -148,12 +163,10 @@ class _Flight:
 
     async def fly(self) -> FlownCapture:
         """Fly it."""
-        loop, safety = asyncio.get_running_loop(), SafetyConfig()
+        loop = asyncio.get_running_loop()
         links = {
             d: AirLink(tello, camera=self._shooter(d), fps=FPS) for d, tello in self._tellos.items()
         }
-        mission = replace(MissionConfig(), grounded_timeout_s=20.0)
-        config = FlightConfig(mission, PlannerConfig(), VisionConfig(), safety)
         events = EventStream()
         async with AsyncExitStack() as stack:
             news = stack.enter_context(events.subscribe())
@@ -161,7 +174,7 @@ class _Flight:
             stack.callback(listening.cancel)
             fleet = Fleet(
                 fleet_config(self._sim),
-                safety,
+                self._config.safety,
                 links=dict(links),
                 clock=loop.time,
                 decoder=self._decoder,
@@ -170,7 +183,7 @@ class _Flight:
             control = Control(
                 fleet,
                 self._folder,
-                config,
+                self._config,
                 events,
                 make_eye=self._eye if self._video is None else None,
                 runner=InlineRunner(hangs=False),

@@ -10,7 +10,8 @@ standard, flight by flight (``table.figures``).
 ``flight_s`` is simulated time from take-off to landing, ``wall_s`` what flight, drawing, refinement
 and training took here; judging does not count. ``surface_seen`` is the share of the true surface
 that a flight's pictures show. Every flight with its modes is a part of its own in ``--out``;
-``--pictures`` and ``--drones`` add curves over other counts, on one seed of two scenes.
+``--pictures`` and ``--drones`` add curves over other counts, ``--ablations`` the mission without
+each of its parts; one seed of two scenes each.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import cv2
 
 from server.bench.conditions import conditions
 from server.bench.options import Figures, Options
+from server.bench.table.ablations import ablations
 from server.bench.table.curves import curves
 from server.bench.table.figures import Runs, mode_figures, paired, pooled
 from server.bench.table.modes import EVERY_MODE, MODES
@@ -51,13 +53,11 @@ def run(options: Options) -> Figures:
     )
     if failed:
         figures.overall["failed_flights"] = failed
+    two = [_wanted(options, scene, options.seed) for scene in options.scenes[:2]]
     if options.pictures or options.drones:
-        figures.overall["curves"] = curves(
-            parts,
-            [_wanted(options, scene, options.seed) for scene in options.scenes[:2]],
-            options.pictures,
-            options.drones,
-        )
+        figures.overall["curves"] = curves(parts, two, options.pictures, options.drones)
+    if options.ablations:
+        figures.overall["ablations"] = ablations(parts, two)
     if options.out is not None:
         first = [w for scene in options.scenes for w in _wanted(options, scene, options.seed)]
         Report(figures, found, options, first).write()

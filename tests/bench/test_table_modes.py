@@ -78,6 +78,14 @@ def test_true_poses_come_with_true_lenses_and_take_the_box_along(tmp_path: Path)
     )
 
 
+def test_without_refinement_the_poses_are_those_believed_in_flight(tmp_path: Path) -> None:
+    capture = flown(tmp_path)
+    posed = posed_as("optimized", capture, 0, 1, without="refinement")
+    believed = load_dataset(capture.run).T_world_cam
+    np.testing.assert_array_equal(posed.dataset.T_world_cam, believed)
+    np.testing.assert_allclose(posed.T_true[:, :3, 3], believed[:, :3, 3] + SHIFT)
+
+
 def held_out() -> HeldOutViews:
     places = [[1.2 * np.cos(a), 1.2 * np.sin(a), 0.9] for a in (0.4, 2.5, 4.6)]
     poses = np.stack([look_at(np.array(place), BALL_CENTRE) for place in places])

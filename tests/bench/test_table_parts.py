@@ -13,8 +13,11 @@ import pytest
 
 from server.bench import table1
 from server.bench.options import Options
+from server.bench.poses_flight import usual_config
+from server.bench.table.ablations import ABLATIONS, ablations
 from server.bench.table.curves import curves
 from server.bench.table.fields import FIGURES
+from server.bench.table.leave_out import left_out
 from server.bench.table.modes import EVERY_MODE
 from server.bench.table.parts import Parts, Wanted, strip_file
 
@@ -100,12 +103,37 @@ def test_curves_fly_only_what_the_table_has_not(tmp_path: Path) -> None:
     assert told["pictures"]["12"]["optimized"]["images"] == 12
 
 
+def test_ablations_leave_out_one_part_each_and_fly_nothing_twice(tmp_path: Path) -> None:
+    some = parts(tmp_path, resume=False)
+    flights = [[wanted(), wanted(flight="standard", modes=("standard_paper", "standard_refined"))]]
+    some.measured(flights[0][0])
+    told = ablations(some, flights)
+    assert list(told["without"]) == ["nothing", *ABLATIONS[1:]]
+    assert len(some.asked) == len(ABLATIONS)
+    assert {name.split("-without-")[1] for name in some.asked[1:]} == set(ABLATIONS[1:])
+
+
+@pytest.mark.parametrize("part", ABLATIONS)
+def test_what_is_left_out_of_a_flight_is_that_part_alone(part: str) -> None:
+    usual = usual_config()
+    config = left_out(usual, part)
+    changed = {
+        "annealing": config.planner.annealing != usual.planner.annealing,
+        "trim": config.mission != usual.mission,
+        "uncertainty": config.planner.fitness != usual.planner.fitness,
+    }
+    assert {name for name, differs in changed.items() if differs} == {part} & set(changed)
+    assert (config.vision, config.safety) == (usual.vision, usual.safety)
+
+
 def test_the_whole_bench_adds_up_and_writes_its_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(table1, "Parts", MadeUpParts)
     scenes = ("human", "guitar")
-    options = Options(scenes, 5, False, False, "", tmp_path, False, pictures=(12, 24))
+    options = Options(
+        scenes, 5, False, False, "", tmp_path, False, pictures=(12, 24), ablations=True
+    )
     figures = table1.run(options)
     assert list(figures.scenes) == list(scenes)
     for part in (*figures.scenes.values(), figures.overall):
@@ -119,6 +147,7 @@ def test_the_whole_bench_adds_up_and_writes_its_report(
     mine = figures.scenes["guitar"]["optimized"]
     assert f"{mine['psnr_db']:.2f} ± {mine['psnr_db_sd']:.2f}" in text
     assert "17.67" in text  # The paper's own, beside it.
+    assert "| annealing |" in text
     linked = re.findall(r"\]\((results/[^)]+)\)", text)
     assert {Path(link).suffix for link in linked} == {".svg", ".jpg"}
     for link in linked:

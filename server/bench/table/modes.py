@@ -57,13 +57,29 @@ class Posed:
     T_true: Array
 
 
-def posed_as(mode: str, flown: FlownCapture, seed: int, threads: int) -> Posed:
-    """Return a flight's pictures as ``mode`` uses them; those ``REFINED`` must come last."""
+def posed_as(mode: str, flown: FlownCapture, seed: int, threads: int, without: str = "") -> Posed:
+    """Return a flight's pictures as ``mode`` uses them; those ``REFINED`` must come last.
+
+    Args:
+        mode: One of ``EVERY_MODE``.
+        flown: The flight.
+        seed: Of the refinement.
+        threads: Cores to use.
+        without: ``refinement``: the poses believed in flight; ``masks``: training does not know
+            where the object is in the pictures; anything else leaves out nothing here.
+    """
     if mode == "standard_paper":
         return standard_paper(flown)
     if mode == "optimized_true_poses":
         return optimized_true_poses(flown)
-    return refined(flown, seed, threads)
+    if without == "refinement":
+        dataset = load_dataset(flown.run)
+        return Posed(dataset, list(range(len(dataset))), true_poses(flown))
+    posed = refined(flown, seed, threads)
+    if without == "masks":
+        unmasked = replace(posed.dataset, masks=(None,) * len(posed.dataset))
+        return replace(posed, dataset=unmasked)
+    return posed
 
 
 def standard_paper(flown: FlownCapture) -> Posed:

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.bench.planner_judge import Judge
-from server.bench.poses_flight import FlownCapture, fly_capture
+from server.bench.poses_flight import FlownCapture, fly_capture, usual_config
 from server.bench.poses_pictures import draw_pictures
 from server.bench.table.fields import JudgedField, train_and_judge
+from server.bench.table.leave_out import left_out
 from server.bench.table.modes import REFINED, Posed, posed_as
 from server.bench.table.video import DrawnVideo
 from server.bench.table.views import HeldOutViews, draw_views
@@ -45,6 +46,7 @@ class Wanted:
         steps: Training steps of every field.
         views: Test views.
         modes: Which of the flight's modes.
+        without: Part of the method that is left out, empty for none.
     """
 
     scene: str
@@ -55,6 +57,7 @@ class Wanted:
     steps: int
     views: int
     modes: tuple[str, ...]
+    without: str = ""
 
     @property
     def name(self) -> str:
@@ -62,6 +65,7 @@ class Wanted:
         return (
             f"{Path(self.scene).name}-{self.seed}-{self.flight}"
             f"-{self.pictures}x{self.drones}-{self.steps}"
+            + (f"-without-{self.without}" if self.without else "")
         )
 
 
@@ -126,7 +130,7 @@ class Parts:
         seconds: dict[str, float],
     ) -> dict[str, Any]:
         begun_s = time.monotonic()
-        posed = posed_as(mode, flown, wanted.seed, self._threads)
+        posed = posed_as(mode, flown, wanted.seed, self._threads, wanted.without)
         refine_s = time.monotonic() - begun_s
         judged = train_and_judge(
             posed, views, steps=wanted.steps, seed=wanted.seed, threads=self._threads
@@ -164,6 +168,7 @@ def _fly(wanted: Wanted, folder: Path) -> tuple[FlownCapture, dict[str, float]]:
             folder,
             mode=wanted.flight,
             drones=wanted.drones,
+            config=left_out(usual_config(), wanted.without),
             make_video=make_video,
         )
     finally:

@@ -28,6 +28,16 @@ PAPER = {
 LEAST_GAIN_DB, AIMED_GAIN_DB = 1.0, 3.0
 _ROWS = ("standard_paper", "standard_refined", "optimized", "truth")
 _LABEL_PX = 26
+_MEASURES = (
+    "PSNR",
+    "SSIM",
+    "FLIP",
+    "PSNR object",
+    "pictures",
+    "surface seen",
+    "flight s",
+    "wall s",
+)
 
 
 class Report:
@@ -65,6 +75,7 @@ class Report:
             self._differences(),
             self._reach(),
             self._curves(),
+            self._ablations(),
             self._pictures(),
         ]
         text = "\n\n".join(section for section in sections if section)
@@ -77,6 +88,7 @@ class Report:
         command += " --quick" if self._options.quick else ""
         command += "".join(f" --pictures {n}" for n in self._options.pictures)
         command += "".join(f" --drones {n}" for n in self._options.drones)
+        command += " --ablations" if self._options.ablations else ""
         gpu = found["gpu"] or "none"
         return "\n".join(
             [
@@ -96,18 +108,6 @@ class Report:
         return "".join(f" --scene {scene}" for scene in self._options.scenes)
 
     def _table(self) -> str:
-        head = (
-            "scene",
-            "mode",
-            "PSNR",
-            "SSIM",
-            "FLIP",
-            "PSNR object",
-            "pictures",
-            "surface seen",
-            "flight s",
-            "wall s",
-        )
         rows: list[tuple[str, ...]] = []
         for scene, part in [*self._figures.scenes.items(), ("all", self._figures.overall)]:
             modes = [mode for mode in EVERY_MODE if mode in part]
@@ -123,7 +123,7 @@ class Report:
             [
                 "## The table",
                 "",
-                _markdown(head, rows),
+                _markdown(("scene", "mode", *_MEASURES), rows),
                 "",
                 "![PSNR on the object](results/psnr_object.svg)",
                 "",
@@ -195,7 +195,7 @@ class Report:
         told = self._figures.overall.get("curves")
         if told is None:
             return ""
-        lines_ = [f"## Curves\n\nOne seed, scenes {', '.join(map(_name, told['scenes']))}."]
+        lines_ = [f"## Curves\n\nOne seed, {_names(told['scenes'])}."]
         for what in ("pictures", "drones"):
             if not told[what]:
                 continue
@@ -210,10 +210,19 @@ class Report:
                     series.setdefault(mode, []).append((int(count), figures["psnr_db_object"]))
             plot = lines(f"PSNR in dB on the object, by {what}", series)
             (self._folder / f"{what}.svg").write_text(plot)
-            head = (what, "mode", "PSNR", "SSIM", "FLIP", "PSNR object", "pictures")
-            head += ("surface seen", "flight s", "wall s")
-            lines_ += [_markdown(head, rows), f"![By {what}](results/{what}.svg)"]
+            lines_ += [
+                _markdown((what, "mode", *_MEASURES), rows),
+                f"![By {what}](results/{what}.svg)",
+            ]
         return "\n\n".join(lines_)
+
+    def _ablations(self) -> str:
+        told = self._figures.overall.get("ablations")
+        if told is None:
+            return ""
+        rows = [(without, *_cells(figures)) for without, figures in told["without"].items()]
+        about = f"## Without each part\n\nOptimized, one seed, {_names(told['scenes'])}."
+        return "\n\n".join([about, _markdown(("without", *_MEASURES), rows)])
 
     def _pictures(self) -> str:
         shown = []
@@ -274,6 +283,10 @@ def _difference(about: Mapping[str, Any]) -> str:
 
 def _name(scene: str) -> str:
     return Path(scene).stem
+
+
+def _names(scenes: Sequence[str]) -> str:
+    return "scenes " + ", ".join(map(_name, scenes))
 
 
 def _yes(met: bool) -> str:
