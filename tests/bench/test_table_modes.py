@@ -113,8 +113,9 @@ def test_test_views_are_carried_into_the_frame_of_a_field(tmp_path: Path) -> Non
     centre = frame.points(BALL_CENTRE[None])[0]
     used = list(range(24))
     posed = Posed(replace(dataset, T_world_cam=frame.poses(T_true)), used, T_true)
-    scores, shown = judge(render, centre, posed, views)
-    astray, _ = judge(render, centre, Posed(posed.dataset, used, frame.poses(T_true)), views)
+    scores, shown, turned = judge(render, centre, posed, views)
+    astray, _, _ = judge(render, centre, Posed(posed.dataset, used, frame.poses(T_true)), views)
+    assert max(turned) < 1.0
     assert min(s.psnr_db for s in scores) > 20.0 > max(s.psnr_db for s in astray)
     for score, rgb, image, mask in zip(scores, shown, views.images_rgb, views.masks, strict=True):
         # The object's figure is that of its pixels alone.

@@ -44,6 +44,7 @@ def made_up(wanted: Wanted) -> dict[str, Any]:
                 "surface_seen": 0.9,
                 "flight_s": 120.0,
                 "wall_s": 300.0,
+                "settled_deg": 0.5,
             }
             for mode in wanted.modes
         }

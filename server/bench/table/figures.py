@@ -19,7 +19,7 @@ from server.bench.table.fields import FIGURES
 _CONFIDENCE = 0.95
 _STANDARDS = ("standard_paper", "standard_refined")
 # Reported means that are no measure of quality.
-_PLAIN = ("images", "images_used", "surface_seen", "flight_s", "wall_s")
+_PLAIN = ("images", "images_used", "surface_seen", "flight_s", "wall_s", "settled_deg")
 # A mode's sample: its figures by test view, and its plain numbers.
 Sample = Mapping[str, Any]
 # Samples of one scene by seed, each by mode.

@@ -195,6 +195,7 @@ def _sample_of(
     seconds = seconds | {"train": judged.train_s}
     return {
         "per_view": judged.per_view(),
+        "settled_deg": float(np.mean(judged.settled_deg)),
         "images": len(posed.dataset),
         "images_used": len(posed.used),
         "flight_s": flown.flight_s,
