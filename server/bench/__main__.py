@@ -20,6 +20,7 @@ _BENCHES = {
     "poses": "server.bench.poses",
     "mission": "server.bench.missions.measure",
     "regions": "server.bench.regions",
+    "table1": "server.bench.table1",
     "video": "server.bench.video",
 }
 
@@ -49,6 +50,25 @@ def main() -> int:
         help="mission: fly only those in virtual time whose name holds TEXT, and tell all of each;"
         " with the seed of the run that named it, a mission repeats exactly",
     )
+    parser.add_argument(
+        "--pictures",
+        type=int,
+        action="append",
+        metavar="N",
+        help="table1: also with so many pictures; repeat for a curve",
+    )
+    parser.add_argument(
+        "--drones",
+        type=int,
+        action="append",
+        metavar="N",
+        help="table1: also with so many drones; repeat for a curve",
+    )
+    parser.add_argument(
+        "--ablations",
+        action="store_true",
+        help="table1: also the mission without each of its parts",
+    )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
     parser.add_argument("--json", action="store_true", help="print one JSON object on one line")
@@ -57,6 +77,10 @@ def main() -> int:
         parser.error("--resume needs --out")
     if (arguments.faults or arguments.only) and arguments.name != "mission":
         parser.error("--faults and --only are for the bench mission")
+    if arguments.name != "table1" and (
+        arguments.pictures or arguments.drones or arguments.ablations
+    ):
+        parser.error("--pictures, --drones and --ablations are for the bench table1")
     bench = importlib.import_module(_BENCHES[arguments.name])
     all_scenes = getattr(bench, "SCENES", SCENES)
     options = Options(
@@ -67,6 +91,9 @@ def main() -> int:
         only=arguments.only,
         out=arguments.out,
         resume=arguments.resume,
+        pictures=tuple(arguments.pictures or ()),
+        drones=tuple(arguments.drones or ()),
+        ablations=arguments.ablations,
     )
     try:
         for scene in options.scenes:

@@ -23,6 +23,9 @@ class Options:
         only: For missions: fly those alone whose name holds this, empty for all.
         out: Folder for pictures and finished parts, None for none.
         resume: Whether to go on from the parts in ``out``.
+        pictures: For the table: counts of pictures to draw a curve over, none for no curve.
+        drones: For the table: counts of drones likewise.
+        ablations: For the table: whether to leave out each part of the method in turn.
     """
 
     scenes: tuple[str, ...]
@@ -32,6 +35,9 @@ class Options:
     only: str
     out: Path | None
     resume: bool
+    pictures: tuple[int, ...] = ()
+    drones: tuple[int, ...] = ()
+    ablations: bool = False
 
     @property
     def threads(self) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD, Intrinsics
 from server.sim.meshes import ObjectModel
 from server.stages import Viewpoint
 
@@ -73,29 +73,33 @@ class Judge:
 
     def look(self, views: Sequence[Viewpoint]) -> Sights:
         """Return what ``views`` see."""
-        visible = np.zeros((len(views), len(self.points_world)), bool)
+        poses = [view.T_world_cam(TELLO_TILT_RAD) for view in views]
+        return self.look_from(poses, [TELLO_INTRINSICS] * len(poses))
+
+    def look_from(self, T_world_cam: Sequence[Array], lenses: Sequence[Intrinsics]) -> Sights:
+        """Return what cameras see, by pose ``(4, 4)`` and lens."""
+        visible = np.zeros((len(T_world_cam), len(self.points_world)), bool)
         detail = np.zeros(visible.shape)
-        for row, view in enumerate(views):
-            column, px_per_m2 = self._seen_from(view)
+        for row, (pose, lens) in enumerate(zip(T_world_cam, lenses, strict=True)):
+            column, px_per_m2 = self._seen_from(pose, lens)
             visible[row, column] = True
             detail[row, column] = px_per_m2
         return Sights(visible, detail)
 
-    def _seen_from(self, view: Viewpoint) -> tuple[NDArray[np.intp], Array]:
-        """Return the samples that a view sees and how sharply."""
-        towards = view.position_world - self.points_world
+    def _seen_from(self, T_world_cam: Array, lens: Intrinsics) -> tuple[NDArray[np.intp], Array]:
+        """Return the samples that a camera sees and how sharply."""
+        towards = T_world_cam[:3, 3] - self.points_world
         distance = np.linalg.norm(towards, axis=1)
         towards /= distance[:, None]
         cosine = np.abs((towards * self.normals_world).sum(axis=1))
-        T_world_cam = view.T_world_cam(TELLO_TILT_RAD)
-        pixels, depths = TELLO_INTRINSICS.project(self.points_world, T_world_cam)
+        pixels, depths = lens.project(self.points_world, T_world_cam)
         facing = (cosine > np.cos(INCIDENCE_MAX_RAD)) & (depths > 0.05)
-        facing &= TELLO_INTRINSICS.contains(pixels)
+        facing &= lens.contains(pixels)
         column = np.flatnonzero(facing)
         # A camera stands outside the object's bounding box, so nothing lies beyond it on the ray.
         hidden = self._mesh.ray.intersects_any(
             self.points_world[column] + _OFF_SURFACE_M * towards[column], towards[column]
         )
         column = column[~np.asarray(hidden, bool)]
-        focal_px2 = TELLO_INTRINSICS.fx * TELLO_INTRINSICS.fy
+        focal_px2 = lens.fx * lens.fy
         return column, cosine[column] * focal_px2 / distance[column] ** 2

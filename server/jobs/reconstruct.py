@@ -23,7 +23,7 @@ from server.geometry.boxes import union
 from server.jobs.kept_training import KeptTraining
 from server.jobs.reports import FieldReports, tell_share
 from server.jobs.results import write_results
-from server.jobs.spec import JobSpec, JobStoppedError
+from server.jobs.spec import JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
@@ -103,7 +103,7 @@ def run(spec: JobSpec, reporter: Reporter) -> dict[str, Any]:
                 with stages.stage("live"):
                     _train_live(wanted, spec, reporter)
             with stages.stage("refine"):
-                refined = _refine(wanted, spec, reporter)
+                refined = refine_run(wanted.dataset, spec, reporter)
             trusted = [int(index) for index in np.flatnonzero(refined.refined)]
     dataset = load_dataset(
         wanted.dataset, downscale=wanted.downscale, object_only=wanted.object_only
@@ -281,13 +281,17 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
         )
 
 
-def _refine(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> RefinedPoses:
+def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses:
     """Refine the poses of all stills and write them into ``transforms.json`` and ``poses.json``.
+
+    Args:
+        folder: A run folder that a flight has filled.
+        spec: Threads and seed.
+        reporter: Told how far it is; asked whether to stop.
 
     Returns:
         The refined poses of the stills alone.
     """
-    folder = wanted.dataset
     flown = read_pictures(folder)
     before = load_dataset(folder, downscale=1)
     pictures = [

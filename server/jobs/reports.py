@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from server.jobs.spec import Reporting
 from server.jobs.worker import Reporter
 from server.nerf.metrics import psnr_db
 from server.nerf.preview import render_preview
@@ -23,7 +24,7 @@ _ORBIT_S = 40.0
 _SCORE_SCALE = 0.25
 
 
-def tell_share(reporter: Reporter, stage: str, images: int) -> Callable[[float], None]:
+def tell_share(reporter: Reporting, stage: str, images: int) -> Callable[[float], None]:
     """Return what tells of a stage how far it is and how long it will take in all.
 
     Args:

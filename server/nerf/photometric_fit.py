@@ -37,6 +37,7 @@ def fit_pose(
     *,
     scale: float = 0.25,
     steps: int = 4,
+    least_gain: float = 0.0,
 ) -> Array:
     """Return the pose near ``T_world_cam`` ``(4, 4)`` whose rendering is nearest to a picture.
 
@@ -47,7 +48,8 @@ def fit_pose(
         T_world_cam: Where to start: a few pixels wrong at most.
         centre: Point ``(3,)`` about which the camera turns, world metres: the object's middle.
         scale: Pictures are compared at this share of their size.
-        steps: Gauss-Newton steps.
+        steps: Gauss-Newton steps at most.
+        least_gain: A step that lowers the loss by a smaller share than this is the last.
     """
     camera = intrinsics.scaled(scale)
     small = cv2.resize(image_rgb, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
@@ -76,7 +78,10 @@ def fit_pose(
         loss_there = _loss(shown_there - wanted)
         if loss_there >= loss:
             break
+        settled = loss_there > (1.0 - least_gain) * loss
         best, shown, loss = tried, shown_there, loss_there
+        if settled:
+            break
     return best
 
 

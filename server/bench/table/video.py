@@ -1,0 +1,38 @@
+"""What the drones' cameras show the mission in flight: the room, drawn picture by picture.
+
+Drawn at single size and not coded: the mission's eyes look at a quarter of it. The pictures that
+are kept are drawn again afterwards at twice the size and sent through the drone's video coding
+(``server.bench.poses_pictures``), at the same true poses.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from server.bench.poses_flight import TrueView
+from server.sim.camera import SimulatedCamera, canvas_intrinsics
+from server.sim.config import SimConfig
+from server.sim.scenes.catalogue import load_object
+from server.sim.world import World
+
+
+class DrawnVideo:
+    """The cameras of all drones of one simulation; a ``Video``."""
+
+    def __init__(self, sim: SimConfig) -> None:
+        self._cameras = {
+            sim.drone_id(i): SimulatedCamera(sim.camera, sim.seed, i) for i in range(sim.drones)
+        }
+        self._world = World(
+            load_object(sim.scene), intrinsics=canvas_intrinsics(sim.camera), seed=sim.seed
+        )
+
+    def picture(self, drone_id: str, view: TrueView, at_s: float) -> NDArray[np.uint8]:
+        """Return the picture ``(720, 960, 3)`` BGR that a drone takes."""
+        drawn = self._world.render(view.T_world_cam, view.others)
+        return self._cameras[drone_id].take(drawn, view.motion, at_s)
+
+    def close(self) -> None:
+        """Free the picture buffer."""
+        self._world.close()
