@@ -57,6 +57,22 @@ export async function getCaptureFile(captureId: string): Promise<CaptureFile> {
   return (await request("GET", artifactPath(captureId, "capture.json"))) as CaptureFile;
 }
 
+/** How sure the refinement is of each still's pose, as `poses.json` of a run folder tells. */
+export interface RefinedPose {
+  readonly file: string;
+  readonly refined: boolean;
+  readonly sigma_m: number;
+  readonly sigma_deg: number;
+}
+
+/** The poses of a capture's pictures. @throws RequestError also where they were not refined. */
+export async function getPoses(captureId: string): Promise<readonly RefinedPose[]> {
+  const file = (await request("GET", artifactPath(captureId, "poses.json"))) as {
+    readonly pictures?: readonly RefinedPose[];
+  };
+  return file.pictures ?? [];
+}
+
 /** Delete a capture and its files for good. @throws RequestError */
 export async function deleteCapture(captureId: string): Promise<void> {
   await request("DELETE", `/captures/${encodeURIComponent(captureId)}`);

@@ -41,7 +41,6 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
       </div>
     );
   }
-  const percent = Math.round(100 * Math.min(1, Math.max(0, capture.progress)));
   return (
     <div className="status">
       <div className="status-line">
@@ -50,16 +49,7 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
         </p>
         <CaptureChip state={capture.state} />
       </div>
-      <div
-        className={`progress is-${capture.state}`}
-        role="progressbar"
-        aria-label={words.mission.progress}
-        aria-valuemin={0}
-        aria-valuemax={100}
-        aria-valuenow={percent}
-      >
-        <span style={{ width: `${percent}%` }} />
-      </div>
+      <CaptureProgress capture={capture} />
       <dl className="counters">
         <div>
           <dt>{words.mission.pictures}</dt>
@@ -93,6 +83,23 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
   );
 }
 
+/** How much of the capture is behind it. */
+export function CaptureProgress({ capture }: { readonly capture: CaptureReport }) {
+  const percent = Math.round(100 * Math.min(1, Math.max(0, capture.progress)));
+  return (
+    <div
+      className={`progress is-${capture.state}`}
+      role="progressbar"
+      aria-label={words.mission.progress}
+      aria-valuemin={0}
+      aria-valuemax={100}
+      aria-valuenow={percent}
+    >
+      <span style={{ width: `${percent}%` }} />
+    </div>
+  );
+}
+
 /** How far the pictures have come: sent for, taken, shown here, in the field. */
 function Counters({ capture }: { readonly capture: CaptureReport }) {
   const received = useConsole((state) => state.findings.pictures.length);
@@ -118,7 +125,8 @@ function Counters({ capture }: { readonly capture: CaptureReport }) {
   );
 }
 
-function phaseWord(capture: CaptureReport, step: Step | null): string {
+/** What the capture is doing, in words. */
+export function phaseWord(capture: CaptureReport, step: Step | null): string {
   const names: Readonly<Record<string, string>> = words.mission.phase;
   const phase = capture.phase === "train" && step === "refine" ? "refine" : capture.phase;
   return names[phase] ?? phase;

@@ -1,9 +1,14 @@
+import { getArtifacts } from "../api/library";
+import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { clock, count, decimal } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { HeldOutView } from "../judge/HeldOutView";
+import { keptRenderings } from "../judge/heldOut";
 import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
+import { CourseLine } from "./CourseLine";
 
 /** The field as it grows: newest rendering, training figures, quality. */
 export function FieldPanel() {
@@ -14,6 +19,7 @@ export function FieldPanel() {
       className="field"
       aside={training !== null && <span className="chip chip-calm">{stageWord(training.stage)}</span>}
     >
+      <CourseLine />
       <div className="field-grid">
         <figure className="preview">
           {preview === null ? (
@@ -35,7 +41,24 @@ export function FieldPanel() {
           <Metrics metrics={metrics} />
         </div>
       </div>
+      <Judged metrics={metrics} />
     </Panel>
+  );
+}
+
+/** The held-out pictures, once the field was judged on them. */
+function Judged({ metrics }: { readonly metrics: MetricsReport | null }) {
+  const captureId = useConsole((state) => state.capture?.id ?? "");
+  const judged = metrics === null ? "" : `${captureId} ${metrics.at}`;
+  const { value: files } = useAnswer(judged, () =>
+    judged === "" ? Promise.resolve([]) : getArtifacts(captureId),
+  );
+  const indices = keptRenderings(files ?? []);
+  if (indices.length === 0) return null;
+  return (
+    <section aria-label={words.judge.title}>
+      <HeldOutView key={captureId} captureId={captureId} indices={indices} scores={undefined} />
+    </section>
   );
 }
 
