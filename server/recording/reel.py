@@ -18,7 +18,6 @@ import av
 from av.container import OutputContainer
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
-from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
 from server.recording.reading import RecordedMessage, Recording, RecordingError
@@ -29,7 +28,6 @@ _TICKS_PER_S = 90_000
 # Poses come ten times a second; for a drawing half of them are enough.
 _WAY_STEP_S = 0.15
 _USUAL_SIZE = (960, 720)
-_LEVELS = {3: "warning", 4: "error", 5: "error"}
 
 
 @dataclass(slots=True)
@@ -171,9 +169,6 @@ class _Cutter:
                 self._show(drone_id, message)
             case "foxglove.PoseInFrame" if what == "pose":
                 self._move(drone_id, message)
-            case "foxglove.Log":
-                log = Log.FromString(message.data)
-                self._note(message, _LEVELS.get(log.level, "info"), log.name, log.message)
             case "dronerf.Event":
                 self._happen(message, json.loads(message.data))
             case _:
@@ -216,9 +211,11 @@ class _Cutter:
             number = str(int(capture["index"]) + 1)
             self._note(message, "picture", str(capture["pose"]["drone_id"]), number)
 
-    def _note(self, message: RecordedMessage, kind: str, name: str, text: str) -> None:
-        about = "" if name == "fleet" else name
-        self._reel.moments.append(Moment(self._at_s(message.log_ns), kind, about, text))
+        if event.get("event") == "noted":
+            self._note(message, event["level"], event["drone_id"] or "", event["text"])
+
+    def _note(self, message: RecordedMessage, kind: str, drone_id: str, text: str) -> None:
+        self._reel.moments.append(Moment(self._at_s(message.log_ns), kind, drone_id, text))
 
     def _drone(self, drone_id: str) -> DroneReel:
         return self._drones.setdefault(drone_id, DroneReel(drone_id))

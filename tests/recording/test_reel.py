@@ -13,7 +13,7 @@ from flights import HEIGHT, SMALL, WIDTH, pictures
 
 from server.geometry.cameras import Intrinsics
 from server.recording.json_messages import JsonMessage
-from server.recording.messages import calibration_message, log_message, pose_message
+from server.recording.messages import calibration_message, pose_message
 from server.recording.reading import RecordingError
 from server.recording.recorder import FlightRecorder
 from server.recording.reel import make_reel
@@ -47,8 +47,8 @@ def run(tmp_path: Path) -> Path:
         T = camera_looking_along(2.5, (1.0, 0.1 * step, 0.5))
         note = pose_message(T, ns(101.0 + 0.1 * step))
         made.note("/a/pose", lambda note=note: note, 101.0 + 0.1 * step, 101.0 + 0.1 * step)
-    note = log_message("warning", "Mind the chair.", "fleet", ns(101.5))
-    made.note("/log", lambda: note, 101.5)
+    said = {"event": "noted", "level": "warning", "text": "Mind the chair.", "drone_id": None}
+    made.note("/events", lambda: JsonMessage("dronerf.Event", said), 101.5)
     taken = {"event": "capture_taken", "capture": {"index": 6, "pose": {"drone_id": "b"}}}
     made.note("/events", lambda: JsonMessage("dronerf.Event", taken), 102.0)
     made.close()

@@ -1,5 +1,5 @@
 import type { CaptureReport } from "../protocol/messages.gen";
-import { request } from "./request";
+import { request, requestText } from "./request";
 
 /** A capture as the library lists it. */
 export interface CaptureEntry {
@@ -71,6 +71,11 @@ export async function getPoses(captureId: string): Promise<readonly RefinedPose[
     readonly pictures?: readonly RefinedPose[];
   };
   return file.pictures ?? [];
+}
+
+/** All that a capture's training has told, line by line as JSON. @throws RequestError also where it never trained. */
+export async function getTrainingLog(captureId: string): Promise<string> {
+  return requestText(artifactPath(captureId, "jobs/reconstruct/events.jsonl"));
 }
 
 /** Delete a capture and its files for good. @throws RequestError */

@@ -1,11 +1,7 @@
-import { getArtifacts } from "../api/library";
-import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { clock, count, decimal } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
-import { HeldOutView } from "../judge/HeldOutView";
-import { keptRenderings } from "../judge/heldOut";
 import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { CourseLine } from "./CourseLine";
@@ -41,24 +37,7 @@ export function FieldPanel() {
           <Metrics metrics={metrics} />
         </div>
       </div>
-      <Judged metrics={metrics} />
     </Panel>
-  );
-}
-
-/** The held-out pictures, once the field was judged on them. */
-function Judged({ metrics }: { readonly metrics: MetricsReport | null }) {
-  const captureId = useConsole((state) => state.capture?.id ?? "");
-  const judged = metrics === null ? "" : `${captureId} ${metrics.at}`;
-  const { value: files } = useAnswer(judged, () =>
-    judged === "" ? Promise.resolve([]) : getArtifacts(captureId),
-  );
-  const indices = keptRenderings(files ?? []);
-  if (indices.length === 0) return null;
-  return (
-    <section aria-label={words.judge.title}>
-      <HeldOutView key={captureId} captureId={captureId} indices={indices} scores={undefined} />
-    </section>
   );
 }
 

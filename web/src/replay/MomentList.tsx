@@ -1,3 +1,4 @@
+import { useEffect, useRef } from "react";
 import type { ReplayMoment } from "../api/replay";
 import { clock } from "../design/format";
 import { Icon } from "../design/Icon";
@@ -15,8 +16,19 @@ interface MomentListProps {
 /** What happened; a press goes there. */
 export function MomentList({ moments, faces, atS, onChoose }: MomentListProps) {
   const now = lastMoment(moments, atS);
+  const list = useRef<HTMLOListElement>(null);
+  useEffect(() => {
+    const line = list.current?.children[now];
+    if (!(line instanceof HTMLElement) || list.current === null) return;
+    // The list alone scrolls, not the page around it.
+    const { offsetTop, offsetHeight } = line;
+    const { scrollTop, clientHeight } = list.current;
+    if (offsetTop < scrollTop || offsetTop + offsetHeight > scrollTop + clientHeight) {
+      list.current.scrollTop = offsetTop - clientHeight / 2;
+    }
+  }, [now]);
   return (
-    <ol className="moments" aria-label={words.log.title}>
+    <ol ref={list} className="moments" aria-label={words.log.title}>
       {moments.map((moment, index) => {
         const face = faces.find(({ drone }) => drone.drone_id === moment.drone_id);
         return (

@@ -59,10 +59,13 @@ function Shown({ replay }: { readonly replay: Replay }) {
   });
   return (
     <div className="replay-body" data-testid="replay">
-      <div className="replay-films">
-        {faces.map(({ drone, name, colour }) => (
-          <ReplayFilm key={drone.drone_id} drone={drone} name={name} colour={colour} clock={clock} />
-        ))}
+      <div className="replay-views">
+        <div className="replay-films">
+          {faces.map(({ drone, name, colour }) => (
+            <ReplayFilm key={drone.drone_id} drone={drone} name={name} colour={colour} clock={clock} />
+          ))}
+        </div>
+        <ReplayMap replay={replay} faces={faces} atS={clock.atS} />
       </div>
       <div className="replay-controls">
         <button
@@ -107,10 +110,7 @@ function Shown({ replay }: { readonly replay: Replay }) {
           ))}
         </select>
       </div>
-      <div className="replay-below">
-        <ReplayMap replay={replay} faces={faces} atS={clock.atS} />
-        <MomentList moments={replay.moments} faces={faces} atS={clock.atS} onChoose={clock.seek} />
-      </div>
+      <MomentList moments={replay.moments} faces={faces} atS={clock.atS} onChoose={clock.seek} />
     </div>
   );
 }
