@@ -13,7 +13,7 @@ it("draws the curves of a training that nobody watched", () => {
     line("train", 3, 16).slice(0, 20),
   ].join("\n");
   const series = seriesFromLog(log);
-  expect(series.seconds).toEqual([4, 5, 6]);
-  expect(series.trainDb).toEqual([null, 12, 15]);
-  expect(series.stages.map((stage) => stage.name)).toEqual(["refine", "train"]);
+  expect(series.seconds).toEqual([1, 2]);
+  expect(series.trainDb).toEqual([12, 15]);
+  expect(series.stages.map((stage) => stage.name)).toEqual(["train"]);
 });

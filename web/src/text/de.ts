@@ -15,6 +15,18 @@ export const de: Catalogue = {
     key: (screen, key) => `${screen} (Taste ${key})`,
     page: (screen) => `${screen} – DroNeRF`,
   },
+  keys: {
+    title: "Tasten",
+    list: [
+      ["Leertaste", "HOLD: alle Drohnen schweben, auf jeder Seite"],
+      ["1 – 5", "Zu einer Seite gehen"],
+      ["Tab", "Zum nächsten Bedienelement; mit Umschalt zurück"],
+      ["Enter", "Ein Bedienelement drücken; bei CUT MOTORS eine Sekunde halten"],
+      ["← ↑ → ↓", "Regler, Auswahl oder den Kasten um das Objekt bewegen; mit Umschalt seine Größe"],
+      ["Esc", "Schließen, nichts auswählen"],
+      ["?", "Diese Liste zeigen oder verbergen"],
+    ],
+  },
   connection: {
     connecting: "Verbinde",
     open: "Live",

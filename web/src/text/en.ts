@@ -13,6 +13,18 @@ export const en = {
     key: (screen: string, key: number) => `${screen} (key ${key})`,
     page: (screen: string) => `${screen} – DroNeRF`,
   },
+  keys: {
+    title: "Keys",
+    list: [
+      ["Space", "HOLD: all drones hover, on every screen"],
+      ["1 – 5", "Go to a screen"],
+      ["Tab", "Go on to the next control; Shift and Tab go back"],
+      ["Enter", "Press a control; on CUT MOTORS hold it for a second"],
+      ["← ↑ → ↓", "Move a slider, a choice, or the box that picks the object; with Shift the box's size"],
+      ["Esc", "Leave what is open, pick nothing"],
+      ["?", "Show or hide this list"],
+    ],
+  },
   connection: {
     connecting: "Connecting",
     open: "Live",
