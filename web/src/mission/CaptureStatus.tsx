@@ -103,7 +103,9 @@ export function CaptureProgress({ capture }: { readonly capture: CaptureReport }
 /** How far the pictures have come: sent for, taken, shown here, in the field. */
 function Counters({ capture }: { readonly capture: CaptureReport }) {
   const received = useConsole((state) => state.findings.pictures.length);
-  const used = useConsole((state) => state.findings.training?.images ?? 0);
+  const used = useConsole(
+    ({ findings: { training, metrics } }) => training?.images ?? metrics?.images ?? 0,
+  );
   const { counter } = words.mission;
   // Of an earlier program's capture nobody counted.
   if (!isActive(capture) && received === 0) return null;

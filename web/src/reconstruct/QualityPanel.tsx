@@ -27,9 +27,12 @@ function useWholeSeries(): QualitySeries {
   const seen = useConsole((state) => state.findings.quality);
   const captureId = useConsole((state) => state.capture?.id ?? "");
   const training = useConsole((state) => state.findings.training);
-  const told =
-    training === null ? "" : `${captureId} ${training.stage} ${Math.floor(training.seconds / EVERY_S)}`;
+  // Whoever comes when all is over is told of the result, and of no training.
+  const judgedAt = useConsole((state) => state.findings.metrics?.at ?? "");
+  const progress =
+    training === null ? judgedAt : `${training.stage} ${Math.floor(training.seconds / EVERY_S)}`;
+  const told = progress === "" ? "" : `${captureId} ${progress}`;
   const { value: log } = useAnswer(told, () => (told === "" ? Promise.resolve("") : getTrainingLog(captureId)));
   const logged = useMemo(() => seriesFromLog(log ?? ""), [log]);
-  return training !== null && logged.seconds.length > seen.seconds.length ? logged : seen;
+  return told !== "" && logged.seconds.length > seen.seconds.length ? logged : seen;
 }

@@ -6,6 +6,7 @@ import { Panel } from "../design/Panel";
 import { FloorSketch } from "../floor/FloorSketch";
 import { activityFace, isFlying } from "../fly/activity";
 import { words } from "../text/words";
+import { CalibrationTable } from "./CalibrationTable";
 
 interface FloorPlanPanelProps {
   readonly plan: FloorPlan | null;
@@ -62,6 +63,7 @@ export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
               ))}
             </tbody>
           </table>
+          <CalibrationTable places={plan.places} />
         </>
       )}
     </Panel>

@@ -553,6 +553,15 @@ export const de: Catalogue = {
     address: "Adresse, Seriennummer",
     searched: "wird gesucht",
     is: "Stand",
+    calibration: {
+      title: "Kalibrierung",
+      camera: "Kamera",
+      focal: "Brennweite",
+      tilt: "Neigung",
+      own: "Kalibriert",
+      usual: "Übliche Tello",
+      how: "Ohne Kalibrierung gelten die Werte einer üblichen Tello. Ansichten einer gedruckten Tafel geben die eigenen:",
+    },
     checklist: "Prüfliste",
     overrides: "Was erlassen werden darf, wird beim Start erlassen, mit einem Grund, der vermerkt wird.",
     inAir: (drones) =>

@@ -557,6 +557,15 @@ export const en = {
     address: "Address, serial",
     searched: "searched for",
     is: "Is",
+    calibration: {
+      title: "Calibration",
+      camera: "Camera",
+      focal: "Focal length",
+      tilt: "Looks down by",
+      own: "Calibrated",
+      usual: "Usual Tello",
+      how: "Without a calibration a usual Tello's figures are taken. Views of a printed board give a camera's own:",
+    },
     checklist: "Checklist",
     overrides: "An item that may be waived is waived at take-off, with a reason that is kept.",
     inAir: (drones: number) =>
