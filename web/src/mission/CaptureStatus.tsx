@@ -4,7 +4,7 @@ import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
-import { isActive } from "../state/state";
+import { fliesByItself, isActive } from "../state/state";
 import { words } from "../text/words";
 
 type CaptureState = CaptureReport["state"];
@@ -138,6 +138,7 @@ export function phaseWord(capture: CaptureReport, step: Step | null): string {
 export function CaptureControls({ capture }: { readonly capture: CaptureReport }) {
   const operator = useOperator();
   const paused = capture.state === "paused";
+  const flies = fliesByItself(capture);
   return (
     <div className="capture-controls">
       <button
@@ -160,7 +161,7 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
         confirm={
           <>
             <Icon name="abort" />
-            {words.mission.abortConfirm}
+            {flies ? words.mission.abortConfirm : words.mission.abortDown}
           </>
         }
         onConfirm={() => void operator.changeCapture(capture.id, "abort")}

@@ -304,6 +304,7 @@ export const de: Catalogue = {
     resume: "Weiter",
     abort: "Abbrechen",
     abortConfirm: "Abbrechen und landen?",
+    abortDown: "Abbrechen? Bilder bleiben",
     grounded: {
       title: "Alle Drohnen sind unten",
       safe: (taken, total) => `${taken} von ${total} Bildern sind sicher. Die Aufnahme wartet auf dich.`,

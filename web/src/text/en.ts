@@ -302,6 +302,7 @@ export const en = {
     resume: "Resume",
     abort: "Abort",
     abortConfirm: "Abort and land?",
+    abortDown: "Abort? Pictures stay",
     grounded: {
       title: "All drones are down",
       safe: (taken: number, total: number) =>
