@@ -13,7 +13,10 @@ from server.mission.commands import MissionControl
 
 
 class StartPlaceView(BaseModel):
-    """Where a drone is set down: metres from the middle of the start circle, and its heading."""
+    """Where a drone is set down: metres from the middle of the start circle, and its heading.
+
+    ``focal_px`` and ``tilt_deg`` are its camera's; not ``calibrated`` means a usual Tello's.
+    """
 
     model_config = ConfigDict(from_attributes=True)
 
@@ -25,6 +28,9 @@ class StartPlaceView(BaseModel):
     x_m: float
     y_m: float
     yaw_rad: float
+    focal_px: float
+    tilt_deg: float
+    calibrated: bool
 
 
 class FloorPlanView(BaseModel):

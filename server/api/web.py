@@ -21,6 +21,7 @@ from server.api.journal import Journal
 from server.api.objects import make_objects_router
 from server.api.pages import SecurityHeaders
 from server.api.problems import Problem, described, install_problems
+from server.api.replays import make_replays_router
 from server.api.request_ids import RequestIds
 from server.api.results import make_results_router
 from server.api.safety import make_safety_router
@@ -92,6 +93,7 @@ def make_web(
     web.include_router(make_setup_router(mission))
     web.include_router(make_captures_router(mission, desk))
     web.include_router(make_results_router(mission, journal, config.artifacts))
+    web.include_router(make_replays_router(mission))
     web.include_router(make_stream_router(mission, journal, desk, config.stream, counts))
     web.include_router(make_health_router(mission, journal, counts, version))
     web.include_router(make_scene_router(scene_port))

@@ -21,7 +21,7 @@ from pydantic import BaseModel
 
 from server.geometry.boxes import union
 from server.jobs.kept_training import KeptTraining
-from server.jobs.reports import FieldReports, tell_share
+from server.jobs.reports import FieldReports, keep_renderings, tell_share
 from server.jobs.results import write_results
 from server.jobs.spec import JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
@@ -158,7 +158,7 @@ def _judge_and_deliver(
     samples_per_s = trainer.samples_per_s
     with stages.stage("evaluate"):
         reports.begin("evaluate", None, [])
-        evaluation = trainer.evaluate(held_out)
+        evaluation = trainer.evaluate(held_out, on_rendering=keep_renderings(out))
     metrics = evaluation.metrics
     reporter.emit("metrics", metrics=asdict(metrics))
     with stages.stage("deliver"):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from server.jobs.spec import Reporting
 from server.jobs.worker import Reporter
@@ -50,6 +51,24 @@ def tell_share(reporter: Reporting, stage: str, images: int) -> Callable[[float]
         )
 
     return tell
+
+
+def keep_renderings(out: Path) -> Callable[[int, NDArray[np.float32]], None]:
+    """Return what writes the judged field's renderings to ``out/held_out/NNNN.jpg``.
+
+    Beside the photographs they show where the field is wrong, and not only by how much.
+    """
+    folder = out / "held_out"
+
+    def keep(index: int, image_rgb: NDArray[np.float32]) -> None:
+        folder.mkdir(exist_ok=True)
+        image = np.clip(255.0 * image_rgb[..., ::-1] + 0.5, 0.0, 255.0).astype(np.uint8)
+        done, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 92])
+        if not done:
+            raise ValueError(f"rendering {index} of shape {image.shape} cannot be encoded")
+        (folder / f"{index:04d}.jpg").write_bytes(jpeg.tobytes())
+
+    return keep
 
 
 class FieldReports:

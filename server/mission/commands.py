@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Literal, Protocol
 
+from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.mission.checklist import Check
 from server.mission.events import (
     CaptureChanged,
@@ -102,6 +104,9 @@ class StartPlace:
         x_m: Place on the floor, world metres from the middle of the start circle.
         y_m: Likewise; +X is where drone 1 nominally stands, +Y is to its right as it looks in.
         yaw_rad: Heading, counter-clockwise from +X.
+        focal_px: Focal length of its camera, pixels of its own picture.
+        tilt_deg: How far its camera looks below the horizon.
+        calibrated: False while the camera is taken to be a usual Tello's.
     """
 
     drone_id: str
@@ -112,6 +117,9 @@ class StartPlace:
     x_m: float
     y_m: float
     yaw_rad: float
+    focal_px: float = TELLO_INTRINSICS.fx
+    tilt_deg: float = math.degrees(TELLO_TILT_RAD)
+    calibrated: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from server.geometry.cameras import TELLO_INTRINSICS
 from server.mission.commands import StartPlace
 from server.planner.ring import facing
 from server.swarm.config import DroneConfig
@@ -21,4 +22,7 @@ def start_place(drone: DroneConfig, radius_m: float) -> StartPlace:
         x_m=float(start.position_world[0]),
         y_m=float(start.position_world[1]),
         yaw_rad=float(start.yaw_rad),
+        focal_px=drone.intrinsics.fx,
+        tilt_deg=drone.tilt_deg,
+        calibrated=drone.intrinsics != TELLO_INTRINSICS,
     )

@@ -347,13 +347,17 @@ class Trainer:
         return Rendering(rgb.reshape(*shape, 3), depth_m.reshape(shape), opacity.reshape(shape))
 
     def evaluate(
-        self, indices: Sequence[int], T_world_cam_override: Mapping[int, Array] | None = None
+        self,
+        indices: Sequence[int],
+        T_world_cam_override: Mapping[int, Array] | None = None,
+        on_rendering: Callable[[int, NDArray[np.float32]], None] | None = None,
     ) -> Evaluation:
         """Judge the pictures ``indices`` at training size, without exposure gains.
 
         Args:
             indices: Pictures.
             T_world_cam_override: Poses to render from instead of the dataset's, by picture.
+            on_rendering: Gets each picture's number and its rendering, ``(h, w, 3)`` of 0 to 1.
 
         Raises:
             ValueError: If ``indices`` is empty.
@@ -363,6 +367,8 @@ class Trainer:
         for index in indices:
             pose = poses[index] if index in poses else self.dataset.T_world_cam[index]
             shown = self.render(self.dataset.intrinsics[index], pose).rgb
+            if on_rendering is not None:
+                on_rendering(index, shown)
             reference = self.dataset.images[index].astype(np.float32) / np.float32(255.0)
             scores.append(score_picture(index, shown, reference, self.dataset.masks[index]))
         return Evaluation(mean_metrics(scores, len(self.dataset)), tuple(scores))

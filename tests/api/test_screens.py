@@ -16,6 +16,7 @@ from fake_mission import (
     checklist,
     drone_report,
     failsafe_fired,
+    jpeg,
     level_failed,
     picture_taken,
     plan_found,
@@ -37,6 +38,24 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not (WEB / "dist/index.html").exists(), reason="no dashboard is built"),
 ]
+
+# Drone 1 flies two metres along +Y in ten seconds and takes a picture on its way.
+REEL = {
+    "seconds": 10.0,
+    "drones": [
+        {
+            "drone_id": "drone-1",
+            "film": None,
+            "begins_s": 0.0,
+            "way": [[0.5 * n, 1.5, 0.1 * n - 1.0, 0.8, 3.1] for n in range(21)],
+        }
+    ],
+    "moments": [
+        {"at_s": 1.0, "kind": "warning", "drone_id": "", "text": "Mind the chair."},
+        {"at_s": 4.0, "kind": "picture", "drone_id": "drone-1", "text": "3"},
+    ],
+    "object_box": [[-0.2, -0.2, 0.0], [0.2, 0.2, 0.5]],
+}
 
 SCREENS = ("fly", "plan", "reconstruct", "library", "setup")
 SIZES = {"desk": (1440, 900), "phone": (390, 844)}
@@ -74,6 +93,12 @@ def furnish(console: Console) -> None:
         mission.keep(
             capture_changed(run, state, "fly" if state == "running" else "done"), None, judged
         )
+    run = mission.runs / "run-1"
+    (run / "held_out").mkdir()
+    (run / "held_out/0000.jpg").write_bytes(jpeg(grey=220))
+    (run / "recording.mcap").write_bytes(b"")
+    (run / "replay").mkdir()
+    (run / "replay/replay.json").write_text(json.dumps(REEL))
     mission.checks = checklist(level_failed("drone-2"))
     mission.kept = [seed_fitted(), mission.records["run-3"].status, failsafe_fired("drone-3")]
     mission.reports["drone-3"] = drone_report("drone-3", activity="holding", video_age_s=4.2)
@@ -139,6 +164,12 @@ async def test_no_screen_has_a_serious_fault(
                 await page.get_by_test_id("mark-run-2").check()
                 await page.get_by_test_id("compare").click()
                 await expect(page.get_by_test_id("difference-psnr")).to_contain_text("19.25")
+                wrong.update({"compare": found} if (found := await faults(page)) else {})
+                await page.goto(f"{console.http}/#/library/run-1%2Freplay")
+                await expect(page.get_by_test_id("replay")).to_be_visible()
+                wrong.update({"replay": found} if (found := await faults(page)) else {})
+                await page.goto(f"{console.http}/#/library/run-1")
+                await expect(page.get_by_test_id("held-out")).to_be_visible()
             if screen == "setup":
                 await expect(page.get_by_test_id("fleet")).to_be_visible()
                 await page.get_by_test_id("settings-search").fill("control_rate")
@@ -218,6 +249,42 @@ async def test_captures_are_looked_at_compared_and_deleted(
         await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
         assert not (console.mission.runs / "run-2").exists()
         assert list(console.mission.records) == ["run-1", "run-3"]
+        await page.close()
+
+
+async def test_a_rendering_is_judged_and_a_flight_replayed(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        await page.locator(".capture-name").nth(2).click()
+        await page.get_by_test_id("judge-error").click()
+        # The photograph's grey is 100, the rendering's 220: beyond the largest error told apart.
+        colour = """map => {
+            const pen = map.getContext("2d");
+            return [...pen.getImageData(map.width / 2, map.height / 2, 1, 1).data];
+        }"""
+        error_map = page.get_by_test_id("error-map")
+        await expect(error_map).to_have_attribute("width", "640")
+        assert await error_map.evaluate(colour) == [252, 254, 164, 255]
+
+        await page.get_by_test_id("open-replay").click()
+        place = page.get_by_test_id("replay-place")
+        await page.get_by_role("button", name="Picture 3").click()
+        await expect(place).to_have_value("4")
+        trail = page.locator(".sketch-trail")
+        assert len((await trail.get_attribute("points") or "").split()) == 9
+        await page.get_by_test_id("replay-run").click()
+        await expect(place).to_have_value("10", timeout=30_000)
+        assert len((await trail.get_attribute("points") or "").split()) == 21
+
+        keys = page.locator("#keys")
+        await page.keyboard.press("?")
+        await expect(keys).to_be_visible()
+        await page.keyboard.press("Escape")
+        await expect(keys).not_to_be_visible()
         await page.close()
 
 

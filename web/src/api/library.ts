@@ -1,5 +1,5 @@
 import type { CaptureReport } from "../protocol/messages.gen";
-import { request } from "./request";
+import { request, requestText } from "./request";
 
 /** A capture as the library lists it. */
 export interface CaptureEntry {
@@ -55,6 +55,27 @@ export async function getArtifacts(captureId: string): Promise<readonly Artifact
 /** @throws RequestError also where the run has no such file. */
 export async function getCaptureFile(captureId: string): Promise<CaptureFile> {
   return (await request("GET", artifactPath(captureId, "capture.json"))) as CaptureFile;
+}
+
+/** How sure the refinement is of each still's pose, as `poses.json` of a run folder tells. */
+export interface RefinedPose {
+  readonly file: string;
+  readonly refined: boolean;
+  readonly sigma_m: number;
+  readonly sigma_deg: number;
+}
+
+/** The poses of a capture's pictures. @throws RequestError also where they were not refined. */
+export async function getPoses(captureId: string): Promise<readonly RefinedPose[]> {
+  const file = (await request("GET", artifactPath(captureId, "poses.json"))) as {
+    readonly pictures?: readonly RefinedPose[];
+  };
+  return file.pictures ?? [];
+}
+
+/** All that a capture's training has told, line by line as JSON. @throws RequestError also where it never trained. */
+export async function getTrainingLog(captureId: string): Promise<string> {
+  return requestText(artifactPath(captureId, "jobs/reconstruct/events.jsonl"));
 }
 
 /** Delete a capture and its files for good. @throws RequestError */

@@ -26,10 +26,19 @@ export async function request(
   body?: unknown,
   timeoutMs = 10_000,
 ): Promise<unknown> {
-  const response = await answer(method, path, body, timeoutMs);
+  const text = await textOf(await answer(method, path, body, timeoutMs));
+  return text === "" ? undefined : readJson(text);
+}
+
+/** Ask for a text. @throws RequestError as `request` does. */
+export async function requestText(path: string, timeoutMs = 10_000): Promise<string> {
+  return textOf(await answer("GET", path, undefined, timeoutMs));
+}
+
+async function textOf(response: Response): Promise<string> {
   const text = await response.text();
   if (!response.ok) throw new RequestError(reason(response, text), response.status);
-  return text === "" ? undefined : readJson(text);
+  return text;
 }
 
 async function answer(

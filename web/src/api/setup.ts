@@ -10,6 +10,11 @@ export interface StartPlace {
   readonly x_m: number;
   readonly y_m: number;
   readonly yaw_rad: number;
+  /** Its camera: focal length in pixels, and how far it looks below the horizon. */
+  readonly focal_px: number;
+  readonly tilt_deg: number;
+  /** False while the camera is taken to be a usual Tello's. */
+  readonly calibrated: boolean;
 }
 
 export interface FloorPlan {

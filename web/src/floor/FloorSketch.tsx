@@ -15,6 +15,12 @@ interface FloorSketchProps {
   readonly reachM: number;
   readonly circlesM: readonly { readonly radiusM: number; readonly label: string }[];
   readonly spots: readonly Spot[];
+  /** Ways that were flown, world metres. */
+  readonly trails?: readonly {
+    readonly key: string;
+    readonly colour: string;
+    readonly points: readonly (readonly [number, number])[];
+  }[];
   /** The object's outline, corners in world metres. */
   readonly object: { readonly from: readonly [number, number]; readonly to: readonly [number, number] } | null;
   readonly label: string;
@@ -27,7 +33,7 @@ const VIEW = "M-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0M0 0 20-8M0 0 20 8";
 const SQRT_HALF = Math.SQRT1_2;
 
 /** The floor seen from above: +X to the right, +Y up, as the world's axes are. */
-export function FloorSketch({ reachM, circlesM, spots, object, label }: FloorSketchProps) {
+export function FloorSketch({ reachM, circlesM, spots, trails = [], object, label }: FloorSketchProps) {
   const scale = SIDE / 2 / reachM;
   const place = (x: number, y: number) => [SIDE / 2 + x * scale, SIDE / 2 - y * scale] as const;
   const middle = SIDE / 2;
@@ -48,6 +54,14 @@ export function FloorSketch({ reachM, circlesM, spots, object, label }: FloorSke
         </g>
       ))}
       {object !== null && <ObjectBox from={place(...object.from)} to={place(...object.to)} />}
+      {trails.map(({ key, colour, points }) => (
+        <polyline
+          key={key}
+          className="sketch-trail"
+          points={points.map(([x, y]) => place(x, y).map((value) => value.toFixed(1)).join()).join(" ")}
+          style={{ "--drone": colour } as React.CSSProperties}
+        />
+      ))}
       {spots.map((spot) => {
         const [x, y] = place(spot.x, spot.y);
         const turn = (-spot.yaw * 180) / Math.PI;

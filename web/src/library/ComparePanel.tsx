@@ -1,19 +1,23 @@
 import { useState } from "react";
-import { artifactUrl, getCaptureFile, pictureFile, type CaptureEntry } from "../api/library";
+import { artifactUrl, getArtifacts, getCaptureFile, pictureFile, type CaptureEntry } from "../api/library";
 import { useAnswer } from "../api/useAnswer";
 import { decimal, moment } from "../design/format";
 import { Panel } from "../design/Panel";
+import { Slider } from "../design/Slider";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
+import { FilmPair } from "./FilmPair";
 import { differences, winner, type Difference } from "./run";
+
+const FILM = "orbit.mp4";
 
 interface Pair {
   readonly a: CaptureEntry;
   readonly b: CaptureEntry;
 }
 
-/** Two captures: one picture of both under a slider, and what their figures differ in. */
+/** Two captures: films or pictures of both under a slider, and what their figures differ in. */
 export function ComparePanel({ a, b }: Pair) {
   const text = words.library;
   return (
@@ -23,7 +27,7 @@ export function ComparePanel({ a, b }: Pair) {
       aside={<a href={hashOfScreen("library", a.id)}>{text.back}</a>}
     >
       <div className="compare-body" data-testid="comparison">
-        <Slider a={a} b={b} />
+        <Pictures a={a} b={b} />
         <Table a={a} b={b} />
       </div>
     </Panel>
@@ -34,54 +38,52 @@ function nameOf(entry: CaptureEntry): string {
   return entry.name === "" ? entry.id : entry.name;
 }
 
-function Slider({ a, b }: Pair) {
-  const [share, setShare] = useState(50);
-  const [file, setFile] = useState("preview.jpg");
+function Pictures({ a, b }: Pair) {
+  const films = useAnswer(`${a.id} ${b.id}`, () => haveFilms(a.id, b.id)).value === true;
+  const [chosen, setChosen] = useState("");
   const text = words.library;
   const pictures = Math.min(a.images, b.images);
+  const shown = chosen === "" ? (films ? FILM : "preview.jpg") : chosen;
   return (
-    <figure className="slider">
-      <div className="slider-pictures" style={{ "--share": `${share}%` } as React.CSSProperties}>
-        <img src={artifactUrl(a.id, file)} alt={text.rendering(nameOf(a))} />
-        <img className="slider-over" src={artifactUrl(b.id, file)} alt={text.rendering(nameOf(b))} />
-        <span className="slider-name slider-name-a">A</span>
-        <span className="slider-name slider-name-b">B</span>
-      </div>
-      <div className="slider-controls">
-        <label>
-          {text.slide}
-          <input
-            type="range"
-            min={0}
-            max={100}
-            value={share}
-            data-testid="compare-slider"
-            aria-valuetext={text.slideAt(share)}
-            onChange={(event) => {
-              setShare(Number(event.target.value));
-            }}
-          />
-        </label>
-        <label>
-          {text.picture}
-          <select
-            className="select-small"
-            value={file}
-            onChange={(event) => {
-              setFile(event.target.value);
-            }}
-          >
-            <option value="preview.jpg">{text.lastRendering}</option>
-            {Array.from({ length: pictures }, (_, index) => (
-              <option key={index} value={pictureFile(index)}>
-                {text.taken(index + 1)}
-              </option>
-            ))}
-          </select>
-        </label>
-      </div>
-    </figure>
+    <div className="compare-pictures">
+      {shown === FILM ? (
+        <FilmPair a={a.id} b={b.id} altA={text.film(nameOf(a))} altB={text.film(nameOf(b))} />
+      ) : (
+        <Slider
+          a={<img src={artifactUrl(a.id, shown)} alt={text.rendering(nameOf(a))} />}
+          b={<img src={artifactUrl(b.id, shown)} alt={text.rendering(nameOf(b))} />}
+          nameA="A"
+          nameB="B"
+          label={text.slide}
+          valueText={text.slideAt}
+          testId="compare-slider"
+        />
+      )}
+      <label className="compare-choice">
+        {text.picture}
+        <select
+          className="select-small"
+          value={shown}
+          onChange={(event) => {
+            setChosen(event.target.value);
+          }}
+        >
+          {films && <option value={FILM}>{text.films}</option>}
+          <option value="preview.jpg">{text.lastRendering}</option>
+          {Array.from({ length: pictures }, (_, index) => (
+            <option key={index} value={pictureFile(index)}>
+              {text.taken(index + 1)}
+            </option>
+          ))}
+        </select>
+      </label>
+    </div>
   );
+}
+
+async function haveFilms(...captureIds: readonly string[]): Promise<boolean> {
+  const all = await Promise.all(captureIds.map(getArtifacts));
+  return all.every((files) => files.some((file) => file.path === FILM));
 }
 
 function Table({ a, b }: Pair) {

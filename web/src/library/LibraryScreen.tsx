@@ -5,10 +5,11 @@ import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { hashOfScreen } from "../shell/screens";
+import { ReplayPanel } from "../replay/ReplayPanel";
 import { words } from "../text/words";
 import { CaptureCard } from "./CaptureCard";
 import { ComparePanel } from "./ComparePanel";
-import { RunPanel } from "./RunPanel";
+import { REPLAY, RunPanel } from "./RunPanel";
 
 /** Captures of today and of before: look at one, or lay two side by side. */
 export function LibraryScreen({ captureId }: { readonly captureId: string }) {
@@ -18,7 +19,8 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
       `${state.epoch} ${state.capture?.id ?? ""} ${state.capture?.state ?? ""} ${state.findings.metrics?.at ?? ""}`,
   );
   const { value: captures, error, again } = useAnswer(known, getCaptures);
-  const shown = captureId.split(",").flatMap((id) => captures?.find((entry) => entry.id === id) ?? []);
+  const [ids = "", view] = captureId.split("/");
+  const shown = ids.split(",").flatMap((id) => captures?.find((entry) => entry.id === id) ?? []);
   const [first, second] = shown;
   const text = words.library;
   return (
@@ -44,6 +46,8 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
               <Icon name="picture" /> {text.choose}
             </p>
           </Panel>
+        ) : view === REPLAY ? (
+          <ReplayPanel key={first.id} entry={first} />
         ) : second === undefined ? (
           <RunPanel key={first.id} entry={first} onDeleted={again} />
         ) : (

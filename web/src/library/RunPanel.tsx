@@ -5,6 +5,8 @@ import { ConfirmButton } from "../design/ConfirmButton";
 import { bytes, clock, decimal, moment, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { HeldOutView } from "../judge/HeldOutView";
+import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
 import { isActiveState } from "../state/state";
@@ -28,9 +30,15 @@ export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; r
         ) : (
           <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt={text.rendering(name)} />
         )}
+        {files !== null && keptRenderings(files).length > 0 && (
+          <section className="run-judged" aria-label={words.judge.title}>
+            <h3>{words.judge.title}</h3>
+            <HeldOutView captureId={entry.id} indices={keptRenderings(files)} scores={entry.metrics?.pictures} />
+          </section>
+        )}
         <RunFacts entry={entry} />
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
-        {files !== null && <Replay files={files} run={entry.run} />}
+        {files !== null && <Replay files={files} entry={entry} />}
         {files !== null && <Files files={files} />}
         {!isActiveState(entry.state) && (
           <div className="run-actions">
@@ -102,13 +110,28 @@ function dB(value: number | null | undefined): string {
   return withUnit(value ?? null, 2, "dB");
 }
 
-/** How a recording is flown again: by the program, as everything goes through the same pipeline. */
-function Replay({ files, run }: { readonly files: readonly Artifact[]; readonly run: string }) {
+/** What the address of a capture's replay ends with. */
+export const REPLAY = "replay";
+
+/** A recording can be looked at here, and flown again: by the program, as everything goes through the same pipeline. */
+function Replay({ files, entry }: { readonly files: readonly Artifact[]; readonly entry: CaptureEntry }) {
   if (!files.some((file) => file.path === "recording.mcap")) return null;
   return (
-    <p className="replay">
-      {words.library.replay} <code>dronerf replay {run}/recording.mcap</code>
-    </p>
+    <div className="replay">
+      {!isActiveState(entry.state) && (
+        <a
+          className="button button-small button-primary"
+          href={hashOfScreen("library", `${entry.id}/${REPLAY}`)}
+          data-testid="open-replay"
+        >
+          <Icon name="play" />
+          {words.replay.open}
+        </a>
+      )}
+      <p>
+        {words.library.replay} <code>dronerf replay {entry.run}/recording.mcap</code>
+      </p>
+    </div>
   );
 }
 

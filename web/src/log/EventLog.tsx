@@ -26,7 +26,8 @@ export function EventLog() {
   const list = useRef<HTMLDivElement>(null);
   const lastTop = useRef(0);
   const lines = log.filter((line) => GRAVITY[line.level] >= GRAVITY[filter]);
-  const newest = lines.at(-1)?.id;
+  // Older lines may come in between.
+  const newest = `${lines.length} ${lines.at(-1)?.id ?? ""}`;
 
   useEffect(() => {
     if (follow && list.current !== null) list.current.scrollTop = list.current.scrollHeight;

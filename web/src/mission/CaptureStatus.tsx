@@ -4,7 +4,7 @@ import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
-import { isActive } from "../state/state";
+import { fliesByItself, isActive } from "../state/state";
 import { words } from "../text/words";
 
 type CaptureState = CaptureReport["state"];
@@ -41,7 +41,6 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
       </div>
     );
   }
-  const percent = Math.round(100 * Math.min(1, Math.max(0, capture.progress)));
   return (
     <div className="status">
       <div className="status-line">
@@ -50,16 +49,7 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
         </p>
         <CaptureChip state={capture.state} />
       </div>
-      <div
-        className={`progress is-${capture.state}`}
-        role="progressbar"
-        aria-label={words.mission.progress}
-        aria-valuemin={0}
-        aria-valuemax={100}
-        aria-valuenow={percent}
-      >
-        <span style={{ width: `${percent}%` }} />
-      </div>
+      <CaptureProgress capture={capture} />
       <dl className="counters">
         <div>
           <dt>{words.mission.pictures}</dt>
@@ -93,10 +83,29 @@ export function CaptureStatus({ capture, step }: { readonly capture: CaptureRepo
   );
 }
 
+/** How much of the capture is behind it. */
+export function CaptureProgress({ capture }: { readonly capture: CaptureReport }) {
+  const percent = Math.round(100 * Math.min(1, Math.max(0, capture.progress)));
+  return (
+    <div
+      className={`progress is-${capture.state}`}
+      role="progressbar"
+      aria-label={words.mission.progress}
+      aria-valuemin={0}
+      aria-valuemax={100}
+      aria-valuenow={percent}
+    >
+      <span style={{ width: `${percent}%` }} />
+    </div>
+  );
+}
+
 /** How far the pictures have come: sent for, taken, shown here, in the field. */
 function Counters({ capture }: { readonly capture: CaptureReport }) {
   const received = useConsole((state) => state.findings.pictures.length);
-  const used = useConsole((state) => state.findings.training?.images ?? 0);
+  const used = useConsole(
+    ({ findings: { training, metrics } }) => training?.images ?? metrics?.images ?? 0,
+  );
   const { counter } = words.mission;
   // Of an earlier program's capture nobody counted.
   if (!isActive(capture) && received === 0) return null;
@@ -118,7 +127,8 @@ function Counters({ capture }: { readonly capture: CaptureReport }) {
   );
 }
 
-function phaseWord(capture: CaptureReport, step: Step | null): string {
+/** What the capture is doing, in words. */
+export function phaseWord(capture: CaptureReport, step: Step | null): string {
   const names: Readonly<Record<string, string>> = words.mission.phase;
   const phase = capture.phase === "train" && step === "refine" ? "refine" : capture.phase;
   return names[phase] ?? phase;
@@ -128,6 +138,7 @@ function phaseWord(capture: CaptureReport, step: Step | null): string {
 export function CaptureControls({ capture }: { readonly capture: CaptureReport }) {
   const operator = useOperator();
   const paused = capture.state === "paused";
+  const flies = fliesByItself(capture);
   return (
     <div className="capture-controls">
       <button
@@ -150,7 +161,7 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
         confirm={
           <>
             <Icon name="abort" />
-            {words.mission.abortConfirm}
+            {flies ? words.mission.abortConfirm : words.mission.abortDown}
           </>
         }
         onConfirm={() => void operator.changeCapture(capture.id, "abort")}

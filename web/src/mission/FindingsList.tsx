@@ -17,8 +17,10 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
     rows.push([text.plan, text.planning(Math.round(100 * share))]);
     rows.push([text.fitness, planning.fitness.toFixed(4)]);
   } else if (plan !== null) {
-    rows.push([text.plan, text.planFound(plan.viewpoints, plan.candidates)]);
-    rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
+    // The ring is taken as it is: nothing was weighed.
+    const weighed = Object.keys(plan.terms).length > 0;
+    rows.push([text.plan, weighed ? text.planFound(plan.viewpoints, plan.candidates) : text.ring(plan.viewpoints)]);
+    if (weighed) rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
   }
   if (poses !== null) rows.push([text.poses, text.refined(poses.refined, poses.images)]);
   if (run !== null && run !== "") rows.push([words.mission.run, <code key="run">{run}</code>]);

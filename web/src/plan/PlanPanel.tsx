@@ -22,11 +22,16 @@ export function PlanPanel({ plan, error }: { readonly plan: Plan | null; readonl
 function Facts({ plan }: { readonly plan: Plan }) {
   const text = words.plan;
   const apart = nearestM(plan.viewpoints);
-  const rows: (readonly [string, ReactNode])[] = [
-    [text.chosen, text.chosenOf(plan.viewpoints.length, plan.candidates)],
-  ];
   // The ring is taken as it is: nothing was weighed.
   const weighed = Object.keys(plan.terms).length > 0;
+  const rows: (readonly [string, ReactNode])[] = [
+    [
+      text.chosen,
+      weighed
+        ? text.chosenOf(plan.viewpoints.length, plan.candidates)
+        : words.mission.findings.ring(plan.viewpoints.length),
+    ],
+  ];
   if (weighed) rows.push([text.fitness, decimal(plan.fitness, 4)]);
   if (plan.bound !== null && plan.fitness !== null && plan.bound > 0) {
     const gap = Math.max(0, (100 * (plan.bound - plan.fitness)) / plan.bound);
@@ -76,7 +81,8 @@ function Costs({ plan }: { readonly plan: Plan }) {
   const history = useConsole((state) => state.history);
   const capture = useConsole((state) => state.capture);
   const since = useConsole((state) => state.stepEntered.rounds);
-  const flying = capture !== null && isActive(capture) && capture.images < capture.images_total;
+  const taken = capture !== null && capture.images >= capture.images_total;
+  const flying = capture !== null && isActive(capture) && !taken;
   const leftS = flying ? flightLeftS(capture, since) : null;
   return (
     <>
@@ -86,7 +92,7 @@ function Costs({ plan }: { readonly plan: Plan }) {
             <th scope="col">{text.drone}</th>
             <th scope="col">{text.views}</th>
             <th scope="col">{text.route}</th>
-            <th scope="col">{text.batteryThen}</th>
+            {flying && <th scope="col">{text.batteryThen}</th>}
           </tr>
         </thead>
         <tbody>
@@ -103,15 +109,18 @@ function Costs({ plan }: { readonly plan: Plan }) {
                 </th>
                 <td>{route.views}</td>
                 <td>{route.lengthM.toFixed(1)} m</td>
-                <td className={then !== null && then < 20 ? "is-late" : ""}>
-                  {then === null ? words.none : `${Math.max(0, Math.round(then))} %`}
-                </td>
+                {flying && (
+                  <td className={then !== null && then < 20 ? "is-late" : ""}>
+                    {then === null ? words.none : `${Math.max(0, Math.round(then))} %`}
+                  </td>
+                )}
               </tr>
             );
           })}
         </tbody>
       </table>
-      <p className="hint">{leftS === null ? text.paceUnknown : text.pace(clock(leftS))}</p>
+      {taken && <p className="hint">{text.allTaken}</p>}
+      {flying && <p className="hint">{leftS === null ? text.paceUnknown : text.pace(clock(leftS))}</p>}
     </>
   );
 }

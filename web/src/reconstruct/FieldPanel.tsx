@@ -4,6 +4,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
+import { CourseLine } from "./CourseLine";
 
 /** The field as it grows: newest rendering, training figures, quality. */
 export function FieldPanel() {
@@ -14,6 +15,7 @@ export function FieldPanel() {
       className="field"
       aside={training !== null && <span className="chip chip-calm">{stageWord(training.stage)}</span>}
     >
+      <CourseLine />
       <div className="field-grid">
         <figure className="preview">
           {preview === null ? (

@@ -1,4 +1,5 @@
-import { artifactUrl, pictureFile } from "../api/library";
+import { artifactUrl, getPoses, pictureFile, type RefinedPose } from "../api/library";
+import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
@@ -10,6 +11,8 @@ import { pictureState } from "./pictureState";
 export function PicturesPanel() {
   const pictures = useConsole((state) => state.findings.pictures);
   const total = useConsole((state) => state.capture?.images_total ?? 0);
+  const sigmas = useSigmas();
+  const widest = Math.max(0, ...sigmas.map(({ sigma_m: sigmaM }) => sigmaM));
   const byIndex = new Map(pictures.map((picture) => [picture.index, picture]));
   const places = Math.max(total, (pictures.at(-1)?.index ?? -1) + 1);
   return (
@@ -26,11 +29,36 @@ export function PicturesPanel() {
           {Array.from({ length: places }, (_, index) => (
             <li key={index}>
               <Place number={index + 1} picture={byIndex.get(index)} />
+              <PoseBar pose={sigmas[index]} widestM={widest} />
             </li>
           ))}
         </ol>
       )}
     </Panel>
+  );
+}
+
+/** How sure the refinement is of each picture's pose; empty before it has said so. */
+function useSigmas(): readonly RefinedPose[] {
+  const captureId = useConsole((state) => state.capture?.id ?? "");
+  const at = useConsole((state) => state.findings.poses?.at ?? "");
+  const refined = at === "" ? "" : `${captureId} ${at}`;
+  const { value } = useAnswer(refined, () => (refined === "" ? Promise.resolve([]) : getPoses(captureId)));
+  return value ?? [];
+}
+
+/** One standard deviation of a pose's place, as a number and as a bar beside the widest one. */
+function PoseBar({ pose, widestM }: { readonly pose: RefinedPose | undefined; readonly widestM: number }) {
+  if (pose === undefined) return null;
+  const text = words.strip.sigma((100 * pose.sigma_m).toFixed(1), pose.sigma_deg.toFixed(1));
+  return (
+    <span className="pose-bar" title={text}>
+      <span className="pose-bar-line" aria-hidden="true">
+        <span style={{ width: `${widestM > 0 ? (100 * pose.sigma_m) / widestM : 0}%` }} />
+      </span>
+      <span aria-hidden="true">±{(100 * pose.sigma_m).toFixed(1)} cm</span>
+      <span className="sr-only">{text}</span>
+    </span>
   );
 }
 

@@ -1,4 +1,5 @@
 import { FieldPanel } from "./FieldPanel";
+import { JudgedPanel } from "./JudgedPanel";
 import { PicturesPanel } from "./PicturesPanel";
 import { QualityPanel } from "./QualityPanel";
 
@@ -11,6 +12,7 @@ export function ReconstructScreen() {
       </div>
       <div className="column">
         <QualityPanel />
+        <JudgedPanel />
       </div>
       <div className="column">
         <PicturesPanel />

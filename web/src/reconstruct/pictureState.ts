@@ -23,6 +23,6 @@ export function pictureState(
   const delivered = training?.stage === "deliver";
   const heldOut = judged && index % HELD_OUT_EVERY === 0;
   const pose = poses === null ? "waiting" : poses.unrefined.includes(index) ? "flight" : "refined";
-  const counted = training !== null && index < training.images;
+  const counted = index < (training?.images ?? metrics?.images ?? 0);
   return { heldOut, pose, used: counted && (delivered || metrics !== null || !heldOut) };
 }

@@ -1,6 +1,8 @@
+import type { Check } from "../api/safety";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { activityFace, isFlying } from "../fly/activity";
 import { CheckRow } from "../preflight/CheckRow";
 import { groups, type Group } from "../preflight/readiness";
 import type { Preflight } from "../preflight/usePreflight";
@@ -8,7 +10,12 @@ import { words } from "../text/words";
 
 /** The preflight checklist as it stands, and what to do about each failure. */
 export function ChecklistPanel({ preflight: { checks, error } }: { readonly preflight: Preflight }) {
-  const failed = (checks ?? []).filter((check) => !check.passed).length;
+  const drones = useConsole((state) => state.drones);
+  const inAir = [...drones.values()].filter(({ report }) => isFlying(report.activity));
+  const flying = new Set(inAir.map(({ report }) => report.drone_id));
+  // The checklist is for drones that stand.
+  const counts = (check: Check) => check.drone_id === null || !flying.has(check.drone_id);
+  const failed = (checks ?? []).filter((check) => !check.passed && counts(check)).length;
   const text = words.preflight;
   const good = checks !== null && error === null && failed === 0;
   return (
@@ -22,6 +29,7 @@ export function ChecklistPanel({ preflight: { checks, error } }: { readonly pref
         </span>
       }
     >
+      {flying.size > 0 && <p className="hint">{words.setup.inAir(flying.size)}</p>}
       <div className="check-groups">
         {groups(checks ?? []).map((group) => (
           <DroneChecks key={group.droneId ?? ""} group={group} />
@@ -37,7 +45,10 @@ function DroneChecks({ group }: { readonly group: Group }) {
   const drone = useConsole((state) =>
     group.droneId === null ? undefined : state.drones.get(group.droneId)?.report,
   );
-  const failed = group.checks.filter((check) => !check.passed).length;
+  const activity = drone?.activity ?? "ground";
+  const inAir = isFlying(activity);
+  const face = activityFace(activity);
+  const failed = inAir ? 0 : group.checks.filter((check) => !check.passed).length;
   const name = drone?.name ?? group.droneId ?? words.preflight.console;
   return (
     <details
@@ -47,10 +58,17 @@ function DroneChecks({ group }: { readonly group: Group }) {
     >
       <summary>
         <h3 className={group.droneId === null ? "" : "card-name"}>{name}</h3>
-        <span className={`chip ${failed === 0 ? "chip-good" : "chip-bad"}`}>
-          <Icon name={failed === 0 ? "check" : "abort"} />
-          {failed === 0 ? words.preflight.ready : words.preflight.notOk(failed)}
-        </span>
+        {inAir ? (
+          <span className={`chip chip-${face.tone}`}>
+            <Icon name={face.icon} />
+            {face.word}
+          </span>
+        ) : (
+          <span className={`chip ${failed === 0 ? "chip-good" : "chip-bad"}`}>
+            <Icon name={failed === 0 ? "check" : "abort"} />
+            {failed === 0 ? words.preflight.ready : words.preflight.notOk(failed)}
+          </span>
+        )}
       </summary>
       <ul>
         {group.checks.map((check) => (

@@ -4,8 +4,9 @@ import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch } from "../floor/FloorSketch";
-import { activityFace } from "../fly/activity";
+import { activityFace, isFlying } from "../fly/activity";
 import { words } from "../text/words";
+import { CalibrationTable } from "./CalibrationTable";
 
 interface FloorPlanPanelProps {
   readonly plan: FloorPlan | null;
@@ -62,6 +63,7 @@ export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
               ))}
             </tbody>
           </table>
+          <CalibrationTable places={plan.places} />
         </>
       )}
     </Panel>
@@ -71,6 +73,8 @@ export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
 function FleetRow({ place, failed }: { readonly place: StartPlace; readonly failed: number }) {
   const report = useConsole((state) => state.drones.get(place.drone_id)?.report);
   const face = activityFace(report?.activity ?? "offline");
+  // The checklist is for drones that stand.
+  const amiss = failed > 0 && !isFlying(report?.activity ?? "offline");
   const azimuthDeg = ((Math.atan2(place.y_m, place.x_m) * 180) / Math.PI + 360) % 360;
   const address = [place.address, place.serial].filter((each) => each !== "").join(" · ");
   return (
@@ -83,9 +87,9 @@ function FleetRow({ place, failed }: { readonly place: StartPlace; readonly fail
         <code>{address === "" ? words.setup.searched : address}</code>
       </td>
       <td>
-        <span className={`chip chip-${failed > 0 ? "bad" : face.tone}`}>
-          <Icon name={failed > 0 ? "warning" : face.icon} />
-          {failed > 0 ? words.preflight.notOk(failed) : face.word}
+        <span className={`chip chip-${amiss ? "bad" : face.tone}`}>
+          <Icon name={amiss ? "warning" : face.icon} />
+          {amiss ? words.preflight.notOk(failed) : face.word}
         </span>
       </td>
     </tr>

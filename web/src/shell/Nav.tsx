@@ -2,6 +2,7 @@ import { useEffect } from "react";
 import { Icon } from "../design/Icon";
 import { takesText, type KeyTarget } from "../fly/holdKey";
 import { words } from "../text/words";
+import { KeysHelp } from "./KeysHelp";
 import { hashOfScreen, SCREEN_ICON, SCREENS, screenWord, type Screen } from "./screens";
 
 /** The way from screen to screen: links, and the keys 1 to 5. */
@@ -23,6 +24,7 @@ export function Nav({ screen }: { readonly screen: Screen }) {
           <span>{screenWord(each)}</span>
         </a>
       ))}
+      <KeysHelp />
     </nav>
   );
 }

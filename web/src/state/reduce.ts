@@ -341,10 +341,19 @@ function withAlarm(state: ConsoleState, line: Omit<LogLine, "id">): ConsoleState
   return { ...withLine(state, line), alarms: [...others, alarm].slice(-MOST_ALARMS) };
 }
 
-/** Append a line; one that stands already is a repetition after a reconnection. */
+/**
+ * Append a line; one that stands already is a repetition after a reconnection.
+ *
+ * What arrives after the socket opened happened before: it goes where its time says. Later lines
+ * stand in the order in which they come, for server and browser need not agree on the time.
+ */
 function withLine(state: ConsoleState, line: Omit<LogLine, "id">): ConsoleState {
   const { at, level, text, droneId } = line;
   if (state.log.some((old) => old.at === at && old.text === text)) return state;
-  const log = [...state.log, { id: state.nextLogId, at, level, text, droneId }];
+  const ms = Date.parse(at);
+  const later = (old: LogLine) => Date.parse(old.at) > ms;
+  const before = state.arriving === null ? -1 : state.log.findIndex(later);
+  const place = before < 0 ? state.log.length : before;
+  const log = state.log.toSpliced(place, 0, { id: state.nextLogId, at, level, text, droneId });
   return { ...state, log: log.slice(-LONGEST_LOG), nextLogId: state.nextLogId + 1 };
 }

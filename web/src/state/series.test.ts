@@ -38,6 +38,12 @@ describe("appendReport", () => {
     ]);
   });
 
+  it("leaves out the time in which nothing is trained", () => {
+    const all = series([point("live", 4), point("refine", 30), point("train", 2), point("film", 500)]);
+    expect(all.seconds).toEqual([4, 6]);
+    expect(all.stages.map((stage) => stage.name)).toEqual(["live", "train"]);
+  });
+
   it("takes a clock that starts again for a new stage of the same name", () => {
     const all = series([point("train", 10), point("train", 1)]);
     expect(all.seconds).toEqual([10, 11]);

@@ -25,6 +25,9 @@ export const EMPTY_SERIES: QualitySeries = {
 /** More points than any plot has pixels for; beyond this every second old point goes. */
 const MOST_POINTS = 2000;
 
+/** Stages that train nothing: the curves leave their time out. */
+const NO_TRAINING: ReadonlySet<string> = new Set(["refine", "evaluate", "mesh", "film"]);
+
 /**
  * Append a report to the series.
  *
@@ -36,6 +39,7 @@ export function appendReport(
   previous: TrainingReport | null,
   report: TrainingReport,
 ): QualitySeries {
+  if (NO_TRAINING.has(report.stage)) return series;
   const begins =
     previous?.stage !== report.stage || report.seconds < previous.seconds;
   const last = series.seconds.at(-1) ?? 0;

@@ -13,6 +13,18 @@ export const en = {
     key: (screen: string, key: number) => `${screen} (key ${key})`,
     page: (screen: string) => `${screen} – DroNeRF`,
   },
+  keys: {
+    title: "Keys",
+    list: [
+      ["Space", "HOLD: all drones hover, on every screen"],
+      ["1 – 5", "Go to a screen"],
+      ["Tab", "Go on to the next control; Shift and Tab go back"],
+      ["Enter", "Press a control; on CUT MOTORS hold it for a second"],
+      ["← ↑ → ↓", "Move a slider, a choice, or the box that picks the object; with Shift the box's size"],
+      ["Esc", "Leave what is open, pick nothing"],
+      ["?", "Show or hide this list"],
+    ],
+  },
   connection: {
     connecting: "Connecting",
     open: "Live",
@@ -92,6 +104,7 @@ export const en = {
       link: "Link",
       on_ground: "On the ground",
       armed: "Armed",
+      identity: "Identity",
       state: "State reports",
       battery: "Battery",
       temperature: "Temperature",
@@ -289,6 +302,7 @@ export const en = {
     resume: "Resume",
     abort: "Abort",
     abortConfirm: "Abort and land?",
+    abortDown: "Abort? Pictures stay",
     grounded: {
       title: "All drones are down",
       safe: (taken: number, total: number) =>
@@ -326,6 +340,7 @@ export const en = {
       planning: (share: number) => `annealing, ${share} %`,
       planFound: (viewpoints: number, candidates: number) =>
         `${viewpoints} of ${candidates} candidates`,
+      ring: (viewpoints: number) => `the standard ring, ${viewpoints} viewpoints`,
       fitness: "Fitness",
       bound: (gap: string) => `within ${gap} % of the best possible`,
       poses: "Poses",
@@ -342,6 +357,7 @@ export const en = {
     heldOut: "Held out",
     used: "Used",
     flightPose: "Flight pose",
+    sigma: (cm: string, degrees: string) => `Pose known to ${cm} cm and ${degrees} degrees (one sigma)`,
   },
   scene: {
     title: "Scene",
@@ -352,6 +368,7 @@ export const en = {
   },
   field: {
     title: "Field",
+    left: (time: string) => `${time} left`,
     preview: "Newest rendering of the field",
     noPreview: "The field's first rendering appears here.",
     stage: {
@@ -423,6 +440,7 @@ export const en = {
     route: "Route",
     batteryThen: "Battery then",
     pace: (left: string) => `${left} to the last picture, at the pace of this flight so far.`,
+    allTaken: "All pictures are taken.",
     paceUnknown: "Time and battery are estimated from this flight's own pace, once it has one.",
     shows: "The scene shows",
     view: { planned: "Planned", ring: "Ring", both: "Both" },
@@ -438,6 +456,35 @@ export const en = {
     azimuth: "Azimuth",
     distance: "Distance",
     height: "Height",
+  },
+  judge: {
+    title: "Held-out pictures",
+    shows: "What is shown",
+    view: { slider: "Photo and rendering", error: "Error map" },
+    picture: "Held-out picture",
+    photograph: (number: number) => `Photograph ${number}`,
+    rendering: (number: number) => `What the field makes of photograph ${number}`,
+    map: (number: number) => `Where the rendering of picture ${number} differs from the photograph`,
+    nameA: "Photo",
+    nameB: "Rendering",
+    slide: "From photo to rendering",
+    slideAt: (share: number) => `${share} % rendering`,
+    scale: (percent: number) => `off by ${percent} % or more`,
+    missing: "The photograph or its rendering is not in the run folder.",
+  },
+  replay: {
+    title: (name: string) => `Replay: ${name}`,
+    open: "Replay the flight",
+    back: "Back to the capture",
+    making: "Reading the recording: a few seconds the first time…",
+    failed: (reason: string) => `No replay: ${reason}.`,
+    run: "Play",
+    stand: "Pause",
+    place: "Place in the recording",
+    at: (at: string, length: string) => `${at} of ${length}`,
+    speed: "Speed",
+    film: (name: string) => `Recorded video of ${name}`,
+    map: "Where the drones are at this moment, and their ways there, seen from above",
   },
   library: {
     title: "Captures",
@@ -467,6 +514,10 @@ export const en = {
     deleteConfirm: "Delete for good?",
     deleted: (id: string) => `${id} and its files were deleted`,
     deleteFailed: (id: string, reason: string) => `${id} was not deleted: ${reason}`,
+    films: "Films",
+    around: "Around",
+    turn: "Turn",
+    stand: "Stand still",
     slide: "From A to B",
     slideAt: (share: number) => `${share} % of B`,
     picture: "Picture",
@@ -507,8 +558,21 @@ export const en = {
     address: "Address, serial",
     searched: "searched for",
     is: "Is",
+    calibration: {
+      title: "Calibration",
+      camera: "Camera",
+      focal: "Focal length",
+      tilt: "Looks down by",
+      own: "Calibrated",
+      usual: "Usual Tello",
+      how: "Without a calibration a usual Tello's figures are taken. Views of a printed board give a camera's own:",
+    },
     checklist: "Checklist",
     overrides: "An item that may be waived is waived at take-off, with a reason that is kept.",
+    inAir: (drones: number) =>
+      drones === 1
+        ? "One drone is in the air; its list counts again once it stands."
+        : `${drones} drones are in the air; their lists count again once they stand.`,
     settings: "Settings",
     readOnly:
       "Set by these variables, or in the file that DRONERF_CONFIG names, when the console starts; every run keeps a copy. Bounds hold while the other settings stay as they are.",

@@ -1,0 +1,92 @@
+"""The recording of a capture, made ready for a browser: ``/captures/{id}/replay``."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from urllib.parse import quote
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+
+from server.api.problems import described
+from server.mission.commands import MissionControl, RefusedError, UnknownError
+from server.mission.flight_recording import RECORDING
+from server.recording.reading import RecordingError
+from server.recording.reel import CONTENTS, FOLDER, make_reel
+
+_ACTIVE = frozenset({"queued", "running", "paused"})
+
+
+class DroneReplay(BaseModel):
+    """What there is to see of one drone.
+
+    ``film`` is the address of its video, which begins at ``begins_s``; ``way`` its believed camera
+    poses ``[at_s, x, y, z, heading]``, world metres and radians.
+    """
+
+    drone_id: str
+    film: str | None
+    begins_s: float
+    way: list[list[float]]
+
+
+class ReplayMoment(BaseModel):
+    """Something that happened: a log line, or a ``picture`` with its number as ``text``."""
+
+    at_s: float
+    kind: str
+    drone_id: str
+    text: str
+
+
+class ReplayView(BaseModel):
+    """A recording; times ``at_s`` are seconds since its first picture."""
+
+    seconds: float
+    drones: list[DroneReplay]
+    moments: list[ReplayMoment]
+    object_box: list[list[float]] | None
+
+
+def make_replays_router(mission: MissionControl) -> APIRouter:
+    """Return the route ``/captures/{capture_id}/replay``."""
+    router = APIRouter(prefix="/api/v1/captures", tags=["results"])
+    # One at a time: two for the same capture would write the same files.
+    cutting = asyncio.Lock()
+
+    @router.get(
+        "/{capture_id}/replay", operation_id="getCaptureReplay", responses=described(404, 409)
+    )
+    async def get_replay(capture_id: str) -> ReplayView:
+        """Return what a capture's recording shows; the first time its films are made for it."""
+        run = mission.run_folder(capture_id)
+        contents = run / FOLDER / CONTENTS
+        async with cutting:
+            if not contents.is_file():
+                await asyncio.to_thread(_refuse_without_recording, run)
+                # Reading a recording takes the processor from those who fly.
+                if any(record.status.state in _ACTIVE for record in mission.captures()):
+                    raise RefusedError("a capture is under way; its recording can be shown later")
+                await _make(run)
+        text = await asyncio.to_thread(contents.read_text)
+        view = ReplayView.model_validate_json(text)
+        for drone in view.drones:
+            if drone.film is not None:
+                drone.film = f"/api/v1/artifacts/{quote(capture_id, safe='')}/{FOLDER}/{drone.film}"
+        return view
+
+    return router
+
+
+def _refuse_without_recording(run: Path) -> None:
+    if not (run / RECORDING).is_file():
+        raise UnknownError(f"{run.name} has no recording")
+
+
+async def _make(run: Path) -> None:
+    try:
+        await asyncio.to_thread(make_reel, run / RECORDING, run)
+    except (RecordingError, OSError) as error:
+        why = str(error).replace(str(run / RECORDING), "the file")
+        raise RefusedError(f"the recording cannot be shown: {why}") from error

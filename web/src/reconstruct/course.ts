@@ -1,0 +1,30 @@
+import type { TrainingReport } from "../protocol/messages.gen";
+import { appendReport, EMPTY_SERIES, type QualitySeries } from "../state/series";
+
+/** What a line of the training's log has to hold to be a point of the curves. */
+type Progress = Pick<TrainingReport, "stage" | "seconds" | "loss" | "psnr_db" | "held_out_psnr_db"> & {
+  readonly event: "progressed";
+};
+
+function isProgress(line: unknown): line is Progress {
+  return typeof line === "object" && line !== null && (line as { event?: unknown }).event === "progressed";
+}
+
+/** The curves that a training's log holds; the line that is being written is left out. */
+export function seriesFromLog(log: string): QualitySeries {
+  let series = EMPTY_SERIES;
+  let previous: TrainingReport | null = null;
+  for (const text of log.split("\n")) {
+    let line: unknown;
+    try {
+      line = JSON.parse(text);
+    } catch {
+      continue;
+    }
+    if (!isProgress(line)) continue;
+    const report = line as unknown as TrainingReport;
+    series = appendReport(series, previous, report);
+    previous = report;
+  }
+  return series;
+}

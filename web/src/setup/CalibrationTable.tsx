@@ -1,0 +1,46 @@
+import type { StartPlace } from "../api/setup";
+import { Icon } from "../design/Icon";
+import { words } from "../text/words";
+
+/** What is known of each camera, and how to know more. */
+export function CalibrationTable({ places }: { readonly places: readonly StartPlace[] }) {
+  const text = words.setup.calibration;
+  const [first] = places.filter((place) => !place.calibrated);
+  return (
+    <>
+      <table className="table" data-testid="calibration">
+        <caption>{text.title}</caption>
+        <thead>
+          <tr>
+            <th scope="col">{words.plan.drone}</th>
+            <th scope="col">{text.camera}</th>
+            <th scope="col">{text.focal}</th>
+            <th scope="col">{text.tilt}</th>
+          </tr>
+        </thead>
+        <tbody>
+          {places.map((place) => (
+            <tr key={place.drone_id}>
+              <th scope="row" className="line-drone" style={{ "--drone": place.colour } as React.CSSProperties}>
+                {place.name}
+              </th>
+              <td>
+                <span className={`chip chip-${place.calibrated ? "good" : "calm"}`}>
+                  <Icon name={place.calibrated ? "check" : "info"} />
+                  {place.calibrated ? text.own : text.usual}
+                </span>
+              </td>
+              <td>{place.focal_px.toFixed(0)} px</td>
+              <td>{place.tilt_deg.toFixed(1)}°</td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+      {first !== undefined && (
+        <p className="hint">
+          {text.how} <code>dronerf calibrate --drone {first.drone_id} --fleet fleet.toml --out fleet.toml</code>
+        </p>
+      )}
+    </>
+  );
+}
