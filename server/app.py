@@ -24,9 +24,13 @@ from pathlib import Path
 
 import uvicorn
 
+from server.api.access import KeyRing
+from server.api.config import ApiConfig
 from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
+from server.jobs.book import JobBook
+from server.jobs.runner import JobRunner
 from server.mission.control import Control
 from server.mission.events import EventStream
 from server.scene.config import SceneConfig
@@ -211,11 +215,23 @@ def check_runs(folder: Path) -> None:
         raise StartError(f"run folders cannot be made in {folder}: no right to write {nearest}")
 
 
+def check_door(settings: Settings) -> None:
+    """Find out, before anything starts, whether the console may be opened.
+
+    Raises:
+        SettingsError: If token or certificate cannot be used, or strangers could come in.
+    """
+    settings.open_token()
+    settings.tls()
+
+
 @asynccontextmanager
 async def flying(
-    settings: Settings, fleet_config: FleetConfig
+    settings: Settings, fleet_config: FleetConfig, runner: JobRunner | None = None
 ) -> AsyncIterator[tuple[Control, Fleet]]:
     """Open the fleet and the mission control; on the way out every drone lands first.
+
+    Without ``runner`` background jobs are processes of this machine.
 
     Raises:
         StartError: If drones would start outside the fence, or a drone's sockets cannot be
@@ -233,7 +249,12 @@ async def flying(
         except LinkError as error:
             raise StartError(str(error)) from error
         control = Control(
-            fleet, settings.runs, settings.flight(), EventStream(), recording=settings.recording
+            fleet,
+            settings.runs,
+            settings.flight(),
+            EventStream(),
+            runner=runner,
+            recording=settings.recording,
         )
         await stack.enter_async_context(control)
         try:
@@ -263,7 +284,7 @@ async def land_all(fleet: Fleet) -> None:
 
 @asynccontextmanager
 async def console(
-    settings: Settings, control: Control, fleet: Fleet, sock: socket.socket
+    settings: Settings, control: Control, fleet: Fleet, sock: socket.socket, book: JobBook
 ) -> AsyncIterator[str]:
     """Serve dashboard, API and scene on ``sock``; yields the address with its token."""
     async with AsyncExitStack() as stack:
@@ -277,8 +298,10 @@ async def console(
         except Exception:
             logger.exception("the 3D scene did not start; everything else works without it")
         token = settings.open_token()
-        web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
-        server = _Server(uvicorn_config(web))
+        door = Door(KeyRing(token, settings.token_registry()), prefix=settings.path_prefix)
+        config = ApiConfig(webhook=settings.webhook)
+        web = make_web(control, fleet, book, door, scene_port, _DIST, version("dronerf"), config)
+        server = _Server(uvicorn_config(web, tls=settings.tls()))
         # Whoever reads the address may connect at once; until the server is up, that waits.
         sock.listen()
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
@@ -287,8 +310,9 @@ async def console(
         # every thread for a tenth of a second on a busy machine, with drones in the air.
         gc.collect()
         gc.freeze()
+        scheme = "http" if settings.tls() is None else "https"
         try:
-            yield f"http://{host}:{port}/?token={token}"
+            yield f"{scheme}://{host}:{port}{settings.path_prefix}/?token={token}"
         finally:
             server.should_exit = True
             await asyncio.wait([serving], timeout=5.0)
