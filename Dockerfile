@@ -23,6 +23,7 @@ RUN useradd --create-home --uid 1000 dronerf && mkdir runs && chown dronerf runs
 USER dronerf
 ENV PATH=/srv/dronerf/.venv/bin:$PATH \
     DRONERF_HOST=0.0.0.0 \
+    DRONERF_MAKE_TOKEN=true \
     DRONERF_RUNS=/srv/dronerf/runs \
     NUMBA_CACHE_DIR=/tmp/numba \
     PYTHONUNBUFFERED=1

@@ -11,6 +11,7 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from server.api.command import CommandDesk
+from server.api.json_numbers import Number, Whole
 from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
@@ -48,13 +49,11 @@ class CaptureSpec(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mode: Mode = "optimized"
-    drones: int | None = Field(default=None, strict=True, ge=1, le=8)
-    pictures: int = Field(default=24, strict=True, ge=1, le=400)
-    train_seconds: float = Field(
-        default=60.0, strict=True, ge=0.0, le=86_400.0, allow_inf_nan=False
-    )
+    drones: Annotated[Whole, Field(ge=1, le=8)] | None = None
+    pictures: Whole = Field(default=24, ge=1, le=400)
+    train_seconds: Number = Field(default=60.0, ge=0.0, le=86_400.0)
     name: str = Field(default="", max_length=80, pattern=_NAME)
-    seed: int = Field(default=0, strict=True, ge=0, lt=2**32)
+    seed: Whole = Field(default=0, ge=0, lt=2**32)
     overrides: dict[_Item, _Reason] = Field(default_factory=dict, max_length=_MOST_OVERRIDES)
 
 

@@ -12,6 +12,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from server.api.json_numbers import Number, Whole
 from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.jobs.book import JobBook, JobRecord, JobState
@@ -53,9 +54,9 @@ class TrainingSpec(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     capture: Annotated[str, Field(min_length=1, max_length=120)]
-    seconds: Annotated[float, Field(strict=True, ge=1.0, le=86_400.0)] = 60.0
+    seconds: Annotated[Number, Field(ge=1.0, le=86_400.0)] = 60.0
     object_only: Annotated[bool, Field(strict=True)] = False
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+    seed: Annotated[Whole, Field(ge=0, lt=2**32)] = 0
 
 
 def view_from_job(record: JobRecord) -> JobView:

@@ -10,6 +10,7 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.api.command import CommandDesk
+from server.api.json_numbers import Number
 from server.api.messages import PriorityPart as PriorityView
 from server.api.problems import described
 from server.api.translate import view_from_part
@@ -17,7 +18,7 @@ from server.mission.commands import MissionControl, PointedPlace, RefusedError
 
 _PRIORITIES = "/api/v1/plans/priorities"
 
-Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 # Lists, not tuples: many readers of the OpenAPI document know no other arrays.
 Box = Annotated[list[Share], Field(min_length=4, max_length=4)]
 Point = Annotated[list[Share], Field(min_length=2, max_length=2)]
@@ -65,7 +66,7 @@ class PrioritySpec(BaseModel):
 
     drone_id: str
     box: Box
-    weight: float = Field(default=4.0, gt=0.0, le=20.0, allow_inf_nan=False)
+    weight: Number = Field(default=4.0, gt=0.0, le=20.0)
 
 
 def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:

@@ -68,6 +68,7 @@ async def test_a_pick_is_taken_back(console: Console) -> None:
         {"box": [0.1, 0.2, 0.4, 1.01]},
         {"point": [-0.1, 0.5]},
         {"point": ["left", 0.5]},
+        {"point": [False, 0.5]},
         {"box": BOX, "and": "more"},
     ],
 )

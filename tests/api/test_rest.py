@@ -137,6 +137,13 @@ async def test_a_capture_from_start_to_abort(console: Console) -> None:
     assert asked == CaptureRequest(mode="standard", name="cow")
 
 
+async def test_a_whole_number_may_be_written_with_a_point(console: Console) -> None:
+    async with console.client() as client:
+        answer = await client.post("/api/v1/captures", json={"pictures": 8.0, "drones": 2.0})
+    assert answer.status_code == 202
+    assert console.mission.calls == [("start", CaptureRequest(pictures=8, drones=2))]
+
+
 async def test_a_capture_needs_no_body(console: Console) -> None:
     async with console.client() as client:
         assert (await client.post("/api/v1/captures")).status_code == 202
@@ -148,6 +155,8 @@ async def test_a_capture_needs_no_body(console: Console) -> None:
     [
         ({"mode": "best"}, "body.mode"),
         ({"pictures": "24"}, "body.pictures"),
+        ({"pictures": 24.5}, "body.pictures"),
+        ({"pictures": True}, "body.pictures"),
         ({"pictures": 0}, "body.pictures"),
         ({"drones": 0}, "body.drones"),
         ({"train_seconds": -1}, "body.train_seconds"),
