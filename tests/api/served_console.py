@@ -66,6 +66,7 @@ async def serve(
     dist: Path | None = None,
     prefix: str = "",
     webhook: WebhookConfig | None = None,
+    tls: tuple[Path, Path] | None = None,
 ) -> AsyncIterator[Console]:
     mission, stops, dist = FakeMission(tmp_path / "runs"), FakeStops(), dist or tmp_path / "dist"
     config = ApiConfig(command_wait_s=0.2, webhook=webhook or WebhookConfig())
@@ -73,7 +74,7 @@ async def serve(
     door = Door(ring, prefix=prefix)
     book = JobBook(FakeRunner())
     web = make_web(mission, stops, book, door, scene_port, dist, "0.1.0", config)
-    server = _Server(uvicorn_config(web, "127.0.0.1", 0))
+    server = _Server(uvicorn_config(web, "127.0.0.1", 0, tls))
     serving = asyncio.create_task(server.serve())
     while not server.started:
         if serving.done():
