@@ -13,7 +13,7 @@ import pytest
 from served_console import TOKEN, serve
 from websockets.asyncio.client import connect
 
-from server.settings import Settings, SettingsError
+from server.settings import SettingsError, load_settings
 
 pytestmark = [
     pytest.mark.loopback,
@@ -54,10 +54,10 @@ async def test_everything_goes_over_https(tmp_path: Path, pair: tuple[Path, Path
 
 
 def test_a_certificate_and_another_key_are_refused(tmp_path: Path, pair: tuple[Path, Path]) -> None:
-    assert Settings(tls_certificate=pair[0], tls_key=pair[1]).tls() == pair
+    assert load_settings(tls_certificate=pair[0], tls_key=pair[1]).tls() == pair
     other = tmp_path / "other.pem"
     command = ["openssl", "genpkey", "-algorithm", "EC", "-pkeyopt", "ec_paramgen_curve:P-256"]
     command += ["-out", str(other)]
     subprocess.run(command, check=True, capture_output=True, timeout=60)
     with pytest.raises(SettingsError, match=r"other\.pem"):
-        Settings(tls_certificate=pair[0], tls_key=other).tls()
+        load_settings(tls_certificate=pair[0], tls_key=other).tls()
