@@ -11,7 +11,7 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from server.api.command import CommandDesk
-from server.api.json_numbers import Number, Whole
+from server.api.json_numbers import WHOLE, Number
 from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
@@ -49,11 +49,11 @@ class CaptureSpec(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mode: Mode = "optimized"
-    drones: Annotated[Whole, Field(ge=1, le=8)] | None = None
-    pictures: Whole = Field(default=24, ge=1, le=400)
+    drones: Annotated[int, Field(strict=True, ge=1, le=8), WHOLE] | None = None
+    pictures: Annotated[int, Field(strict=True, ge=1, le=400), WHOLE] = 24
     train_seconds: Number = Field(default=60.0, ge=0.0, le=86_400.0)
     name: str = Field(default="", max_length=80, pattern=_NAME)
-    seed: Whole = Field(default=0, ge=0, lt=2**32)
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32), WHOLE] = 0
     overrides: dict[_Item, _Reason] = Field(default_factory=dict, max_length=_MOST_OVERRIDES)
 
 

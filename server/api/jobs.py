@@ -12,7 +12,7 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.api.json_numbers import Number, Whole
+from server.api.json_numbers import WHOLE, Number
 from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.jobs.book import JobBook, JobRecord, JobState
@@ -56,7 +56,7 @@ class TrainingSpec(BaseModel):
     capture: Annotated[str, Field(min_length=1, max_length=120)]
     seconds: Annotated[Number, Field(ge=1.0, le=86_400.0)] = 60.0
     object_only: Annotated[bool, Field(strict=True)] = False
-    seed: Annotated[Whole, Field(ge=0, lt=2**32)] = 0
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32), WHOLE] = 0
 
 
 def view_from_job(record: JobRecord) -> JobView:

@@ -469,6 +469,10 @@ async def test_openapi_describes_every_path_with_a_stable_name(console: Console)
     operations = [
         operation for methods in document["paths"].values() for operation in methods.values()
     ]
+    capture = document["components"]["schemas"]["CaptureSpec"]["properties"]
+    assert (capture["pictures"]["minimum"], capture["pictures"]["maximum"]) == (1, 400)
+    assert capture["drones"]["anyOf"][0]["maximum"] == 8
+    assert capture["seed"]["minimum"] == 0
     names = [operation["operationId"] for operation in operations]
     assert len(names) == len(set(names))
     assert {"holdFleet", "startCapture", "commandDrone", "listArtifacts"} <= set(names)
