@@ -53,6 +53,7 @@ RUN useradd --no-create-home --uid 1000 dronerf && mkdir runs && chown dronerf r
 ENV PATH=/srv/dronerf/.venv/bin:$PATH \
     HOME=/tmp \
     DRONERF_HOST=0.0.0.0 \
+    DRONERF_MAKE_TOKEN=true \
     DRONERF_RUNS=/srv/dronerf/runs \
     NUMBA_CACHE_DIR=/tmp/numba \
     PYTHONDONTWRITEBYTECODE=1 \

@@ -27,9 +27,11 @@ from server.app import (
     StartError,
     bind_port,
     bring_down,
+    check_door,
     check_runs,
     console,
     flying,
+    job_runner,
     real_fleet,
     simulated_fleet,
     stop_signal,
@@ -42,6 +44,7 @@ from server.doctor.examination import Subject
 from server.doctor.scan import parse_subnet
 from server.field_commands import add_field_commands
 from server.flight_commands import add_flight_commands
+from server.jobs.book import JobBook
 from server.library_commands import add_library_commands
 from server.mission.commands import CaptureRequest
 from server.service_log import json_log
@@ -58,6 +61,7 @@ from server.terminal import (
     seconds,
     seed,
 )
+from server.token_commands import add_token_commands
 
 
 def main() -> int:
@@ -99,7 +103,8 @@ async def _demo(arguments: argparse.Namespace) -> int:
     if arguments.pictures < arguments.drones:
         raise StartError(f"--pictures must be at least the number of drones, {arguments.drones}")
     check_runs(settings.runs)
-    settings.open_token()
+    if not arguments.headless:
+        check_door(settings)
     wanted = SimulatedFleet(
         arguments.scene,
         arguments.drones,
@@ -113,9 +118,10 @@ async def _demo(arguments: argparse.Namespace) -> int:
         sock = None if arguments.headless else bind_port(settings.host, settings.port)
         simulator = await stack.enter_async_context(simulated_fleet(wanted))
         fleet_config = simulator.fleet
-        control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
+        book = JobBook(await stack.enter_async_context(job_runner(settings)))
+        control, fleet = await stack.enter_async_context(flying(settings, fleet_config, book))
         if sock is not None:
-            address = await stack.enter_async_context(console(settings, control, fleet, sock))
+            address = await stack.enter_async_context(console(settings, control, fleet, sock, book))
             print(f"The console is at {address}", file=sys.stderr)
         stack.callback(CaptureFollower(control.events).start().stop)
         record = await control.start_capture(request)
@@ -158,7 +164,7 @@ async def _serve(arguments: argparse.Namespace, settings: Settings) -> int:
     if arguments.fleet is not None and arguments.fault:
         raise StartError("--fault is for simulated drones, so not with --fleet")
     check_runs(settings.runs)
-    settings.open_token()
+    check_door(settings)
     stop = stop_signal()
     async with AsyncExitStack() as stack:
         if arguments.fleet is not None:
@@ -173,8 +179,9 @@ async def _serve(arguments: argparse.Namespace, settings: Settings) -> int:
                 faults=tuple(arguments.fault),
             )
             fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
-        control, fleet = await stack.enter_async_context(flying(settings, fleet_config))
-        address = await stack.enter_async_context(console(settings, control, fleet, sock))
+        book = JobBook(await stack.enter_async_context(job_runner(settings)))
+        control, fleet = await stack.enter_async_context(flying(settings, fleet_config, book))
+        address = await stack.enter_async_context(console(settings, control, fleet, sock, book))
         print(f"The console is at {address}", file=sys.stderr, flush=True)
         await stop.wait()
         await bring_down(control, fleet)
@@ -345,6 +352,7 @@ def _parser() -> argparse.ArgumentParser:
 
     add_flight_commands(commands, _command)
     add_library_commands(commands, _command)
+    add_token_commands(commands, _command)
 
     # Listed here, but its options are the child's own: main hands them on as they are.
     part = commands.add_parser("bench", help="the measurements; see `dronerf bench --help`")

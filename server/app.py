@@ -24,9 +24,12 @@ from pathlib import Path
 
 import uvicorn
 
+from server.api.access import KeyRing
+from server.api.config import ApiConfig
 from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
+from server.jobs.book import JobBook
 from server.jobs.local import LocalRunner
 from server.jobs.ray_runner import RayRunner
 from server.jobs.runner import JobRunner
@@ -216,6 +219,16 @@ def check_runs(folder: Path) -> None:
         raise StartError(f"run folders cannot be made in {folder}: no right to write {nearest}")
 
 
+def check_door(settings: Settings) -> None:
+    """Find out, before anything starts, whether the console may be opened.
+
+    Raises:
+        SettingsError: If token or certificate cannot be used, or strangers could come in.
+    """
+    settings.open_token()
+    settings.tls()
+
+
 @asynccontextmanager
 async def job_runner(settings: Settings) -> AsyncIterator[JobRunner]:
     """Open what runs jobs: this machine, or a Ray cluster.
@@ -236,9 +249,11 @@ async def job_runner(settings: Settings) -> AsyncIterator[JobRunner]:
 
 @asynccontextmanager
 async def flying(
-    settings: Settings, fleet_config: FleetConfig
+    settings: Settings, fleet_config: FleetConfig, runner: JobRunner | None = None
 ) -> AsyncIterator[tuple[Control, Fleet]]:
     """Open the fleet and the mission control; on the way out every drone lands first.
+
+    Without ``runner`` background jobs are processes of this machine.
 
     Raises:
         StartError: If drones would start outside the fence, or a drone's sockets cannot be
@@ -260,7 +275,7 @@ async def flying(
             settings.runs,
             settings.flight(),
             EventStream(),
-            runner=await stack.enter_async_context(job_runner(settings)),
+            runner=runner,
             recording=settings.recording,
         )
         await stack.enter_async_context(control)
@@ -306,7 +321,7 @@ def catalogue_text(settings: Settings) -> str | None:
 
 @asynccontextmanager
 async def console(
-    settings: Settings, control: Control, fleet: Fleet, sock: socket.socket
+    settings: Settings, control: Control, fleet: Fleet, sock: socket.socket, book: JobBook
 ) -> AsyncIterator[str]:
     """Serve dashboard, API and scene on ``sock``; yields the address with its token."""
     async with AsyncExitStack() as stack:
@@ -329,8 +344,10 @@ async def console(
         )
         await stack.enter_async_context(at_work(librarian))
         token = settings.open_token()
-        web = make_web(control, fleet, Door(token), scene_port, _DIST, version("dronerf"))
-        server = _Server(uvicorn_config(web))
+        door = Door(KeyRing(token, settings.token_registry()), prefix=settings.path_prefix)
+        config = ApiConfig(webhook=settings.webhook)
+        web = make_web(control, fleet, book, door, scene_port, _DIST, version("dronerf"), config)
+        server = _Server(uvicorn_config(web, tls=settings.tls()))
         # Whoever reads the address may connect at once; until the server is up, that waits.
         sock.listen()
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")
@@ -339,8 +356,9 @@ async def console(
         # every thread for a tenth of a second on a busy machine, with drones in the air.
         gc.collect()
         gc.freeze()
+        scheme = "http" if settings.tls() is None else "https"
         try:
-            yield f"http://{host}:{port}/?token={token}"
+            yield f"{scheme}://{host}:{port}{settings.path_prefix}/?token={token}"
         finally:
             server.should_exit = True
             await asyncio.wait([serving], timeout=5.0)

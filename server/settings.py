@@ -10,13 +10,15 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import ssl
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import is_dataclass, replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from pydantic import Field, SecretStr, ValidationError
+from pydantic import Field, SecretStr, ValidationError, field_validator
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -25,6 +27,8 @@ from pydantic_settings import (
 )
 from pydantic_settings import SettingsError as SettingsSourceError
 
+from server.api.config import WebhookConfig
+from server.api.prefix import checked_prefix
 from server.jobs.config import RayConfig
 from server.mission.config import FlightConfig, MissionConfig
 from server.planner.config import PlannerConfig
@@ -47,6 +51,11 @@ class Settings(BaseSettings):
         port: Its port.
         token: The secret that opens the console; without it and ``token_file`` one is made.
         token_file: A file that holds the token.
+        make_token: Make a token where none is set, even if others than this machine can connect.
+        path_prefix: Path below which a proxy serves the console, as ``/drones``.
+        tls_certificate: Certificate (chain) in PEM; with ``tls_key`` the console speaks HTTPS.
+        tls_key: Its private key in PEM.
+        webhook: Who is told when a capture or a job has ended.
         runs: Folder of the run folders.
         database_url: Database of the catalogue of runs; without it, a file in ``runs``.
         retention: When old runs are deleted.
@@ -68,6 +77,11 @@ class Settings(BaseSettings):
     port: int = Field(8000, ge=0, le=65535)
     token: SecretStr | None = None
     token_file: Path | None = None
+    make_token: bool = False
+    path_prefix: str = ""
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    webhook: WebhookConfig = WebhookConfig()
     runs: Path = Path("runs")
     database_url: SecretStr | None = None
     retention: RetentionConfig = RetentionConfig()
@@ -79,6 +93,11 @@ class Settings(BaseSettings):
     log: Literal["text", "json"] = "text"
     runner: Literal["local", "ray"] = "local"
     ray: RayConfig = RayConfig()
+
+    @field_validator("path_prefix")
+    @classmethod
+    def _a_path(cls, prefix: str) -> str:
+        return checked_prefix(prefix)
 
     @classmethod
     def settings_customise_sources(
@@ -132,10 +151,48 @@ class Settings(BaseSettings):
             except OSError as error:
                 raise SettingsError(f"token file {self.token_file}: {error.strerror}") from error
         else:
+            if not (self.make_token or is_loopback(self.host)):
+                raise SettingsError(
+                    f"{self.host} can be reached by others: set DRONERF_TOKEN, or"
+                    " DRONERF_MAKE_TOKEN=1 to have one made and printed"
+                )
             return secrets.token_urlsafe(24)
         if len(token) < 8 or not all("!" <= character <= "~" for character in token):
             raise SettingsError("the token must be at least 8 visible ASCII characters, no spaces")
         return token
+
+    def token_registry(self) -> Path:
+        """Return the file that keeps the digests of all other tokens."""
+        return self.runs / ".tokens.json"
+
+    def tls(self) -> tuple[Path, Path] | None:
+        """Return certificate and key, None to speak plain HTTP.
+
+        Raises:
+            SettingsError: If one is missing, or they do not belong together.
+        """
+        if self.tls_certificate is None and self.tls_key is None:
+            return None
+        if self.tls_certificate is None or self.tls_key is None:
+            raise SettingsError("tls_certificate and tls_key go together")
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(
+                self.tls_certificate, self.tls_key, password=lambda: b""
+            )
+        except OSError as error:  # An SSLError is one.
+            raise SettingsError(
+                f"{self.tls_certificate} and {self.tls_key} are no certificate and key:"
+                f" {error.strerror or error}"
+            ) from error
+        return self.tls_certificate, self.tls_key
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether nobody but this machine can connect to ``host``."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 def load_settings(**overrides: object) -> Settings:

@@ -33,6 +33,7 @@ COMMANDS = (
     "record",
     "replay",
     "library",
+    "token",
     "bench",
 )
 
@@ -287,6 +288,12 @@ def test_a_missing_fleet_file(folder: Path) -> None:
         ({"DRONERF_TOKEN": "short"}, "8"),
         ({"DRONERF_TOKEN": "with space in it"}, "token"),
         ({"DRONERF_TOKEN_FILE": "none.txt"}, "none.txt"),
+        ({"DRONERF_HOST": "0.0.0.0"}, "DRONERF_TOKEN"),
+        ({"DRONERF_HOST": "::"}, "DRONERF_TOKEN"),
+        ({"DRONERF_PATH_PREFIX": "drones"}, "path_prefix"),
+        ({"DRONERF_TLS_KEY": "key.pem"}, "tls_certificate"),
+        ({"DRONERF_TLS_KEY": "key.pem", "DRONERF_TLS_CERTIFICATE": "none.pem"}, "none.pem"),
+        ({"DRONERF_WEBHOOK__URL": "file:///etc/passwd"}, "url"),
         ({"DRONERF_RUNS": "/dev/null/runs"}, "/dev/null"),
         ({"DRONERF_SAFETY": '{"failsafes": {"batery_pct": {"land": 18}}}'}, "failsafes.batery_pct"),
         ({"DRONERF_SAFETY__FAILSAFES__BATTERY_PCT__LND": "18"}, "BATTERY_PCT__LND"),
@@ -330,6 +337,12 @@ def test_good_settings_are_taken(folder: Path) -> None:
         DRONERF_PLANNER__FITNESS__VIEWS_WANTED="2",
     )
     assert "none.toml" in line, "the settings are fine, only the fleet is missing"
+
+
+def test_elsewhere_than_loopback_a_token_is_enough(folder: Path) -> None:
+    for token in ({"DRONERF_TOKEN": "long-enough"}, {"DRONERF_MAKE_TOKEN": "true"}):
+        line = refused(folder, "serve", "--fleet", "none.toml", "--host", "0.0.0.0", **token)
+        assert "none.toml" in line, "the token is fine, only the fleet is missing"
 
 
 # Capture and plan ---------------------------------------------------------------------------------

@@ -81,6 +81,7 @@ def test_its_settings_are_settings_and_its_paths_fit() -> None:
     environment = dict(pair.split("=", 1) for pair in shlex.split(all_of("ENV")[-1]))
     (folder,) = all_of("WORKDIR")
     assert environment["DRONERF_HOST"] == "0.0.0.0"
+    assert environment["DRONERF_MAKE_TOKEN"] == "true", "without a token it would refuse to start"
     assert environment["DRONERF_RUNS"] == all_of("VOLUME")[0] == f"{folder}/runs"
     assert environment["PATH"].startswith(f"{folder}/.venv/bin:")
     assert all_of("EXPOSE") == ["8000"]

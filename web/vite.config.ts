@@ -6,6 +6,8 @@ const SERVER = "http://127.0.0.1:8000";
 
 export default defineConfig({
   plugins: [react()],
+  // Relative, so that the page also finds its files below a path that a proxy puts before it.
+  base: "./",
   build: {
     target: "es2022",
     // Nothing is inlined as a data URL: the page's content security policy stays simple.

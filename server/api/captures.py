@@ -11,9 +11,17 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from server.api.command import CommandDesk
+from server.api.json_numbers import WHOLE, Number
+from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
-from server.mission.commands import CaptureRecord, CaptureRequest, MissionControl, Mode
+from server.mission.commands import (
+    CaptureRecord,
+    CaptureRequest,
+    MissionControl,
+    Mode,
+    RefusedError,
+)
 
 _PREFIX = "/api/v1/captures"
 # What people call a capture becomes part of a folder's name: no separators, no control characters.
@@ -41,11 +49,11 @@ class CaptureSpec(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     mode: Mode = "optimized"
-    drones: int | None = Field(default=None, strict=True, ge=1)
-    pictures: int = Field(default=24, strict=True, ge=1)
-    train_seconds: float = Field(default=60.0, strict=True, ge=0.0, allow_inf_nan=False)
+    drones: Annotated[int, Field(strict=True, ge=1, le=8), WHOLE] | None = None
+    pictures: Annotated[int, Field(strict=True, ge=1, le=400), WHOLE] = 24
+    train_seconds: Number = Field(default=60.0, ge=0.0, le=86_400.0)
     name: str = Field(default="", max_length=80, pattern=_NAME)
-    seed: int = Field(default=0, strict=True, ge=0, lt=2**32)
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32), WHOLE] = 0
     overrides: dict[_Item, _Reason] = Field(default_factory=dict, max_length=_MOST_OVERRIDES)
 
 
@@ -127,15 +135,24 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
         try:
             record = await mission.start_capture(request)
         except ValueError as error:
-            raise ProblemError(422, str(error), "invalid") from error
+            # Within the bounds of every fleet, but not of this one.
+            raise RefusedError(str(error)) from error
         desk.note_flight(client)
         response.headers["Location"] = f"{_PREFIX}/{quote(record.status.id, safe='')}"
         return view_from_record(record)
 
-    @router.get("", operation_id="listCaptures", responses=described())
-    async def list_captures() -> list[CaptureView]:
-        """Return all known captures, newest first."""
-        return [view_from_record(record) for record in mission.captures()]
+    @router.get("", operation_id="listCaptures", responses={200: PAGED, **described(422)})
+    async def list_captures(
+        response: Response,
+        state: CaptureState | None = None,
+        limit: Limit = 200,
+        cursor: Cursor = None,
+    ) -> list[CaptureView]:
+        """Return the known captures, newest first."""
+        found = (r for r in mission.captures() if state in (None, r.status.state))
+        page, after = page_of(found, lambda record: record.status.id, limit, cursor)
+        link_next(response, _PREFIX, after, limit=limit, state=state)
+        return [view_from_record(record) for record in page]
 
     @router.get("/{capture_id}", operation_id="getCapture", responses=described(404))
     async def get_capture(capture_id: str) -> CaptureView:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
 class DoorConfig:
-    """How long and how many browsers stay signed in.
+    """How long and how many browsers stay signed in, and how often they may fail to.
 
     Attributes:
         session_s: Seconds after which a browser has to show the token again.
         sessions: Signed-in browsers remembered; the one that signed in first is forgotten first.
+        attempts: Wrong tokens that an address may show at the sign-in before it has to wait.
+        attempts_s: Seconds over which they count.
 
     Raises:
         ValueError: If a value is not positive.
@@ -19,12 +21,16 @@ class DoorConfig:
 
     session_s: float = 7 * 24 * 3600.0
     sessions: int = 256
+    attempts: int = 10
+    attempts_s: float = 60.0
 
     def __post_init__(self) -> None:
-        if not self.session_s > 0.0:
-            raise ValueError(f"session_s must be positive, got {self.session_s}")
-        if self.sessions < 1:
-            raise ValueError(f"sessions must be at least 1, got {self.sessions}")
+        for name in ("session_s", "attempts_s"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("sessions", "attempts"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,37 @@ class StreamConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class WebhookConfig:
+    """Who is told when a capture or a job has ended.
+
+    Attributes:
+        url: Address that gets the POST, ``http://`` or ``https://``; empty for nobody.
+        secret: Signs each message; empty for no signature.
+        attempts: How often a message is sent that is not taken.
+        pause_s: Pause before the second time, doubled before each later one.
+        timeout_s: How long an answer may take.
+
+    Raises:
+        ValueError: If the address is none or a number is out of bounds.
+    """
+
+    url: str = ""
+    secret: str = field(default="", repr=False)
+    attempts: int = 5
+    pause_s: float = 2.0
+    timeout_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        if self.url and not self.url.startswith(("http://", "https://")):
+            raise ValueError("url must begin with http:// or https://")
+        if not 1 <= self.attempts <= 20:
+            raise ValueError(f"attempts must be 1 to 20, got {self.attempts}")
+        for name in ("pause_s", "timeout_s"):
+            if not 0.0 < getattr(self, name) <= 600.0:
+                raise ValueError(f"{name} must be above 0 to 600, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True)
 class ApiConfig:
     """Everything that can be set about the console's outer wall.
 
@@ -63,7 +100,8 @@ class ApiConfig:
         door: Sessions.
         stream: The event stream.
         notes: Lines of the event log kept in memory.
-        artifacts: Most files one listing names.
+        body_bytes: No request's body may be larger.
+        webhook: Who is told of ends.
         lapse_s: The command of a browser that shows no sign of life lapses after this long. Its
             silence is a failsafe of its own, see ``operator_silence_s``.
         command_wait_s: How long a drone's command may take to be refused before the answer is that
@@ -76,7 +114,8 @@ class ApiConfig:
     door: DoorConfig = DoorConfig()
     stream: StreamConfig = StreamConfig()
     notes: int = 1000
-    artifacts: int = 2000
+    body_bytes: int = 256 * 1024
+    webhook: WebhookConfig = WebhookConfig()
     command_wait_s: float = 2.0
     lapse_s: float = 10.0
 
@@ -84,6 +123,6 @@ class ApiConfig:
         for name in ("command_wait_s", "lapse_s"):
             if not 0.0 < getattr(self, name) < float("inf"):
                 raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)}")
-        for name in ("notes", "artifacts"):
+        for name in ("notes", "body_bytes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")

@@ -1,18 +1,21 @@
-"""Who may come in: one token, shown as a bearer token or exchanged for a session cookie.
+"""Who may come in: a token, shown as a bearer token or exchanged for a session cookie.
 
 ``Door`` decides and does no I/O; ``DoorKeeper`` is the ASGI middleware that asks it about every
 request and websocket. Two paths are open to all, the health checks. A browser without a session
-gets a small login page at ``/``; everything else is 401.
+gets a small login page at ``/``; everything else is 401, and 403 where the token's role is not
+enough.
 
 The cookie carries a random session id, never the token, and is HttpOnly and SameSite=Strict. As
 cookies alone would let any page open a websocket here, websockets and unsafe methods must come from
-our own origin, or from a program that names none.
+our own origin, or from a program that names none. A session ends with the token it was opened by.
+
+Sign-ins are counted per address, and too many wrong ones have to wait. Bearer tokens are not: a
+program that shows a wrong one must not keep others at the same address from their drones.
 """
 
 from __future__ import annotations
 
-import hashlib
-import hmac
+import math
 import secrets
 import time
 from collections.abc import Callable
@@ -23,6 +26,8 @@ from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from server.api.access import Key, KeyRing, Role, allows, digest
+from server.api.attempts import Attempts
 from server.api.config import DoorConfig
 from server.api.pages import login_page
 from server.api.problems import problem_response
@@ -33,77 +38,104 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443", "ws": ":80", "wss": ":443"}
 _LOGIN_BODY_LIMIT = 4096
 
 
-def _digest(text: str) -> bytes:
-    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
+def needed_role(method: str, path: str) -> Role:
+    """Return the least role that may make such a request; websockets say what may be said there."""
+    if path == "/api/v1/tokens" or path.startswith("/api/v1/tokens/"):
+        return "admin"
+    if method in _SAFE_METHODS or method == "WEBSOCKET":
+        return "viewer"
+    deletes = method == "DELETE" and path.startswith("/api/v1/captures/")
+    return "admin" if deletes else "operator"
+
+
+class TooManyAttemptsError(Exception):
+    """Too many wrong tokens came from an address; it may try again after ``wait_s`` seconds."""
+
+    def __init__(self, wait_s: float) -> None:
+        super().__init__(f"wait {wait_s:.0f} seconds")
+        self.wait_s = wait_s
 
 
 class Door:
-    """Knows the token and the sessions it was exchanged for.
+    """Knows the tokens and the sessions they were exchanged for.
 
     Attributes:
+        attempts: Counts wrong tokens at the sign-in.
         cookie_name: Name of the session cookie. Browsers share cookies between the ports of a
             host, so the name differs from token to token and two consoles on one machine do not
             sign each other's browsers out.
+        prefix: Path that a proxy puts before all of ours, empty without one.
     """
 
     def __init__(
         self,
-        token: str,
+        ring: KeyRing,
         config: DoorConfig | None = None,
         clock: Callable[[], float] = time.monotonic,
+        prefix: str = "",
     ) -> None:
-        """Make a door that opens to ``token``.
-
-        Raises:
-            ValueError: If the token is empty or holds anything but visible ASCII characters.
-        """
-        if not token or not all("!" <= character <= "~" for character in token):
-            raise ValueError("the token must be visible ASCII characters without spaces")
-        self._token_digest = _digest(token)
+        """Make a door that opens to the tokens of ``ring``."""
+        self.ring = ring
+        self.prefix = prefix
         self._config = config or DoorConfig()
         self._clock = clock
-        self._sessions: dict[bytes, float] = {}
-        self.cookie_name = f"dronerf_session_{self._token_digest.hex()[:8]}"
+        self._sessions: dict[str, tuple[str, float]] = {}
+        self.attempts = Attempts(self._config.attempts, self._config.attempts_s)
+        self.cookie_name = f"dronerf_session_{ring.own.digest[:8]}"
 
-    def is_token(self, text: str) -> bool:
-        """Return whether ``text`` is the token, in constant time."""
-        return hmac.compare_digest(_digest(text), self._token_digest)
+    def sign_in(self, token: str, address: str) -> Key | None:
+        """Return the key of ``token``, None when it is wrong.
 
-    def open_session(self) -> str:
+        Raises:
+            TooManyAttemptsError: If ``address`` has to wait before it may try again.
+        """
+        wait_s = self.attempts.wait_s(address, self._clock())
+        if wait_s > 0.0:
+            raise TooManyAttemptsError(wait_s)
+        key = self.ring.find(token)
+        if key is None:
+            self.attempts.note(address, self._clock())
+        return key
+
+    def open_session(self, key: Key) -> str:
         """Return a new session id; the oldest session is forgotten when there are too many."""
         while len(self._sessions) >= self._config.sessions:
             del self._sessions[next(iter(self._sessions))]
         session_id = secrets.token_urlsafe(32)
         # Only digests are kept and looked up, so timing tells nothing about a valid id.
-        self._sessions[_digest(session_id)] = self._clock() + self._config.session_s
+        self._sessions[digest(session_id)] = (key.id, self._clock() + self._config.session_s)
         return session_id
 
-    def is_session(self, session_id: str) -> bool:
-        """Return whether ``session_id`` was handed out here and has not run out."""
-        key = _digest(session_id)
-        ends_s = self._sessions.get(key)
-        if ends_s is None:
-            return False
-        if self._clock() >= ends_s:
-            del self._sessions[key]
-            return False
-        return True
+    def session(self, session_id: str) -> Key | None:
+        """Return whose session this is; None when it has run out or its token was taken back."""
+        name = digest(session_id)
+        key_id, ends_s = self._sessions.get(name, ("", 0.0))
+        if self._clock() < ends_s:
+            return self.ring.get(key_id)
+        self._sessions.pop(name, None)
+        return None
 
-    def admits(self, headers: Headers) -> bool:
-        """Return whether a request with ``headers`` shows the token or a session."""
+    def end_session(self, headers: Headers) -> None:
+        """Forget the session that a request shows, if any."""
+        self._sessions.pop(digest(_cookie(headers, self.cookie_name) or ""), None)
+
+    def visitor(self, headers: Headers) -> Key | None:
+        """Return whose token or session a request with ``headers`` shows, None without any."""
         scheme, _, credentials = headers.get("authorization", "").partition(" ")
-        if scheme.lower() == "bearer" and self.is_token(credentials.strip()):
-            return True
+        if scheme.lower() == "bearer":
+            found = self.ring.find(credentials.strip())
+            if found is not None:
+                return found
         session_id = _cookie(headers, self.cookie_name)
-        return session_id is not None and self.is_session(session_id)
+        return None if session_id is None else self.session(session_id)
 
-    def set_cookie(self, response: Response, secure: bool) -> None:
+    def set_cookie(self, response: Response, key: Key, secure: bool) -> None:
         """Open a session and put its cookie on ``response``."""
         response.set_cookie(
             self.cookie_name,
-            self.open_session(),
+            self.open_session(key),
             max_age=int(self._config.session_s),
-            path="/",
+            path=f"{self.prefix}/",
             secure=secure,
             httponly=True,
             samesite="strict",
@@ -173,24 +205,48 @@ class DoorKeeper:
         if method == "POST" and path == "/login":
             body = await _body(receive)
             return self._exchange(_form_token(body), scope)
-        if self._door.admits(headers):
-            return None
+        if method == "POST" and path == "/logout":
+            self._door.end_session(headers)
+            return RedirectResponse("/", status_code=303, headers={"Cache-Control": "no-store"})
+        visitor = self._door.visitor(headers)
+        if visitor is not None:
+            # Routes ask for it where what they do depends on who asks.
+            scope.setdefault("state", {})["visitor"] = visitor
+            return _forbidden(visitor, method, path)
         if method == "GET" and path == "/":
             return _login(None)
         return problem_response(
             401,
             "Show the token: Authorization: Bearer, or sign in at /.",
-            code="unauthorized",
             headers={"WWW-Authenticate": 'Bearer realm="dronerf"'},
         )
 
     def _exchange(self, token: str, scope: Scope) -> Response:
-        if not self._door.is_token(token):
+        client = scope.get("client")
+        try:
+            found = self._door.sign_in(token, client[0] if client else "")
+        except TooManyAttemptsError as error:
+            return _wait(error.wait_s)
+        if found is None:
             return _login("That is not the token.")
         # 303 turns the form's POST into a GET and takes the token out of the address bar.
         response = RedirectResponse("/", status_code=303, headers={"Cache-Control": "no-store"})
-        self._door.set_cookie(response, secure=scope.get("scheme") == "https")
+        self._door.set_cookie(response, found, secure=scope.get("scheme") == "https")
         return response
+
+
+def _forbidden(visitor: Key, method: str, path: str) -> Response | None:
+    needed = needed_role(method, path)
+    if allows(visitor.role, needed):
+        return None
+    detail = f"This is for {needed}s; the token shown is a {visitor.role}'s."
+    return problem_response(403, detail)
+
+
+def _wait(wait_s: float) -> Response:
+    headers = {"Cache-Control": "no-store", "Retry-After": str(math.ceil(wait_s))}
+    text = f"Too many wrong tokens from your address; wait {math.ceil(wait_s)} seconds."
+    return HTMLResponse(login_page(text), status_code=429, headers=headers)
 
 
 def _login(message: str | None) -> Response:

@@ -43,12 +43,17 @@ def inside(folder: Path, relative: str) -> Path | None:
     return path if path.is_relative_to(root) and path.is_file() else None
 
 
-def files_below(folder: Path, limit: int) -> list[FoundFile]:
-    """Return up to ``limit`` visible regular files below ``folder``, sorted by path."""
+def files_below(folder: Path, limit: int, after: str = "") -> list[FoundFile]:
+    """Return up to ``limit`` visible regular files below ``folder``, sorted by path.
+
+    Those whose path does not come later than ``after`` are left out.
+    """
     found: list[FoundFile] = []
-    for path in sorted(folder.rglob("*")):
-        relative = path.relative_to(folder)
+    told = ((path.relative_to(folder), path) for path in folder.rglob("*"))
+    for relative, path in sorted(told, key=lambda each: each[0].as_posix()):
         if path.is_symlink() or any(part.startswith(".") for part in relative.parts):
+            continue
+        if relative.as_posix() <= after:
             continue
         try:
             status = path.stat()

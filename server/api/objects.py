@@ -2,50 +2,51 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends
 from fastapi.responses import Response
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from server.api.command import CommandDesk
+from server.api.json_numbers import Number
 from server.api.messages import PriorityPart as PriorityView
 from server.api.problems import described
 from server.api.translate import view_from_part
-from server.mission.commands import MissionControl, PointedPlace
+from server.mission.commands import MissionControl, PointedPlace, RefusedError
 
 _PRIORITIES = "/api/v1/plans/priorities"
 
-Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
-Box = tuple[Share, Share, Share, Share]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]
+# Lists, not tuples: many readers of the OpenAPI document know no other arrays.
+Box = Annotated[list[Share], Field(min_length=4, max_length=4)]
+Point = Annotated[list[Share], Field(min_length=2, max_length=2)]
 
 
-def _ordered(box: Box) -> Box:
-    left, top, right, bottom = box
-    if left >= right or top >= bottom:
-        raise ValueError("a box is left, top, right, bottom, with left < right and top < bottom")
-    return box
+def _upright(box: Box) -> tuple[float, float, float, float]:
+    """Return the box with these corners, whichever way it was drawn."""
+    x_0, y_0, x_1, y_1 = box
+    return min(x_0, x_1), min(y_0, y_1), max(x_0, x_1), max(y_0, y_1)
 
 
-class PointedObject(BaseModel):
-    """Where the object is: a ``box`` or a ``point``, in shares 0 to 1 of the picture.
+class PointedBox(BaseModel):
+    """Where the object is: a box around it, two opposite corners x, y, x, y.
 
-    A box is left, top, right, bottom; a point is x, y. Both count from the top left corner.
+    In shares 0 to 1 of the picture, from its top left corner.
     """
 
     model_config = ConfigDict(extra="forbid")
 
-    box: Box | None = None
-    point: tuple[Share, Share] | None = None
+    box: Box
 
-    @model_validator(mode="after")
-    def _one_of_both(self) -> Self:
-        if (self.box is None) == (self.point is None):
-            raise ValueError("give either a box or a point")
-        if self.box is not None:
-            _ordered(self.box)
-        return self
+
+class PointedPoint(BaseModel):
+    """Where the object is: a point x, y on it, in shares 0 to 1 from the top left corner."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    point: Point
 
 
 class PickedObject(BaseModel):
@@ -65,12 +66,7 @@ class PrioritySpec(BaseModel):
 
     drone_id: str
     box: Box
-    weight: float = Field(default=4.0, gt=0.0, le=20.0, allow_inf_nan=False)
-
-    @model_validator(mode="after")
-    def _right_way_round(self) -> Self:
-        _ordered(self.box)
-        return self
+    weight: Number = Field(default=4.0, gt=0.0, le=20.0)
 
 
 def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:
@@ -84,13 +80,16 @@ def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter
         operation_id="pickObject",
         responses=described(404, 409, 422),
     )
-    async def pick_object(drone_id: str, where: PointedObject) -> PickedObject:
+    async def pick_object(drone_id: str, where: PointedBox | PointedPoint) -> PickedObject:
         """Say where the object is in a drone's newest picture; its search goes on from there."""
-        place = where.box or where.point
-        assert place is not None  # The model requires one of both.
-        picked = mission.point_out(drone_id, _place(place))
+        place: PointedPlace = (
+            _upright(where.box)
+            if isinstance(where, PointedBox)
+            else (where.point[0], where.point[1])
+        )
+        picked = mission.point_out(drone_id, place)
         assert picked.box is not None
-        return PickedObject(drone_id=drone_id, box=picked.box)
+        return PickedObject(drone_id=drone_id, box=list(picked.box))
 
     @router.delete(
         "/drones/{drone_id}/object",
@@ -118,7 +117,10 @@ def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter
     )
     async def add_priority(spec: PrioritySpec, response: Response) -> PriorityView:
         """Want better pictures of a part; plans that are made from now on obey."""
-        part = mission.add_priority(spec.drone_id, spec.box, spec.weight)
+        left, top, right, bottom = _upright(spec.box)
+        if left == right or top == bottom:
+            raise RefusedError("the drawn box holds nothing")
+        part = mission.add_priority(spec.drone_id, (left, top, right, bottom), spec.weight)
         response.headers["Location"] = f"{_PRIORITIES}/{quote(part.id, safe='')}"
         return view_from_part(part)
 
@@ -147,7 +149,3 @@ def make_objects_router(mission: MissionControl, desk: CommandDesk) -> APIRouter
         return Response(status_code=204)
 
     return router
-
-
-def _place(place: Box | tuple[Share, Share]) -> PointedPlace:
-    return place

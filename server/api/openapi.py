@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 from typing import cast
 
+from server.api.access import KeyRing
 from server.api.door import Door
-from server.api.web import make_web, openapi_document
+from server.api.openapi_document import describe
+from server.api.web import make_web
+from server.jobs.book import JobBook
 from server.mission.commands import MissionControl
 from server.stages import StopControl
 
@@ -22,12 +25,13 @@ def openapi_text() -> str:
     web = make_web(
         mission=cast(MissionControl, None),
         stops=cast(StopControl, None),
-        door=Door("unused"),
+        jobs=cast(JobBook, None),
+        door=Door(KeyRing("unused")),
         scene_port=None,
         dist=Path("web/dist"),
         version=_VERSION,
     )
-    return json.dumps(openapi_document(web), indent=2, sort_keys=True) + "\n"
+    return json.dumps(describe(web), indent=2, sort_keys=True) + "\n"
 
 
 if __name__ == "__main__":

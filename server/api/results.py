@@ -8,14 +8,22 @@ from pathlib import Path
 from typing import Annotated, Literal
 from urllib.parse import quote
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, Response
 from pydantic import BaseModel, ConfigDict
 
 from server.api.captures import CaptureView, view_from_record
+from server.api.conditions import WholeFile, answer_if_wanted
 from server.api.files import FoundFile, files_below, inside
 from server.api.journal import Journal, KnownPlan
 from server.api.messages import Note
+from server.api.paging import (
+    PAGED,
+    Cursor,
+    Limit,
+    link_next,
+    page_of,
+)
 from server.api.problems import described, json_safe
 from server.api.translate import message_from_event
 from server.mission.commands import MissionControl, UnknownError
@@ -27,6 +35,14 @@ _TYPES = {
     ".jsonl": "application/x-ndjson",
     ".glb": "model/gltf-binary",
     ".mcap": "application/octet-stream",
+}
+
+
+_FILE_ANSWERS: dict[int | str, dict[str, object]] = {
+    200: {"content": {"application/octet-stream": {}}, "description": "The file"},
+    206: {"content": {"application/octet-stream": {}}, "description": "The ranges asked for"},
+    304: {"description": "It is still the one that the condition names"},
+    416: {"content": {"text/plain": {}}, "description": "The file has no such range"},
 }
 
 
@@ -96,8 +112,11 @@ class Artifact(BaseModel):
     url: str
 
 
-def make_results_router(mission: MissionControl, journal: Journal, listing_limit: int) -> APIRouter:
-    """Return the routes ``/events``, ``/plans``, ``/reconstructions`` and ``/artifacts``."""
+def make_results_router(mission: MissionControl, journal: Journal, prefix: str) -> APIRouter:
+    """Return the routes ``/events``, ``/plans``, ``/reconstructions`` and ``/artifacts``.
+
+    Addresses of files begin with ``prefix``, the path that a proxy puts before all of ours.
+    """
     router = APIRouter(prefix="/api/v1", tags=["results"])
 
     @router.get("/events", operation_id="listEvents", responses=described(422))
@@ -127,61 +146,87 @@ def make_results_router(mission: MissionControl, journal: Journal, listing_limit
         mission.events.publish(PlanViewChosen(choice.shown))
         return Response(status_code=204)
 
-    @router.get("/reconstructions", operation_id="listReconstructions", responses=described())
-    async def list_reconstructions() -> list[CaptureView]:
+    @router.get(
+        "/reconstructions",
+        operation_id="listReconstructions",
+        responses={200: PAGED, **described(422)},
+    )
+    async def list_reconstructions(
+        response: Response, limit: Limit = 200, cursor: Cursor = None
+    ) -> list[CaptureView]:
         """Return the captures whose field was judged, newest first."""
-        return [view_from_record(r) for r in mission.captures() if r.metrics is not None]
+        judged = (r for r in mission.captures() if r.metrics is not None)
+        page, after = page_of(judged, lambda record: record.status.id, limit, cursor)
+        link_next(response, "/api/v1/reconstructions", after, limit=limit)
+        return [view_from_record(record) for record in page]
 
-    @router.get("/artifacts", operation_id="listArtifacts", responses=described(404))
+    @router.get(
+        "/artifacts",
+        operation_id="listArtifacts",
+        responses={200: PAGED, **described(404, 422)},
+    )
     async def list_artifacts(
+        response: Response,
         capture: Annotated[str | None, Query(description="Only this capture's files.")] = None,
+        limit: Limit = 1000,
+        cursor: Cursor = None,
     ) -> list[Artifact]:
         """Return the files of one capture, or of all, newest capture first."""
         ids = [r.status.id for r in mission.captures()] if capture is None else [capture]
+        begin, _, after = (cursor or "").partition("/")
         artifacts: list[Artifact] = []
         for capture_id in ids:
-            room = listing_limit - len(artifacts)
+            if begin and capture_id > begin:
+                continue
             folder = mission.run_folder(capture_id)
+            room = limit + 1 - len(artifacts)
             if room > 0 and folder.is_dir():
-                found = await asyncio.to_thread(files_below, folder, room)
-                artifacts += [_artifact(capture_id, file) for file in found]
-        return artifacts
+                seen = after if capture_id == begin else ""
+                found = await asyncio.to_thread(files_below, folder, room, seen)
+                artifacts += [_artifact(capture_id, file, prefix) for file in found]
+        if len(artifacts) > limit:
+            last = artifacts[limit - 1]
+            seen = f"{last.capture_id}/{last.path}"
+            link_next(response, "/api/v1/artifacts", seen, limit=limit, capture=capture)
+        return artifacts[:limit]
 
     @router.get(
         "/artifacts/{capture_id}/{path:path}",
         operation_id="getArtifact",
         response_class=FileResponse,
-        responses={200: {"content": {"application/octet-stream": {}}}, **described(404)},
+        responses=_FILE_ANSWERS | described(404, 412),
     )
-    async def get_artifact(capture_id: str, path: str) -> FileResponse:
-        """Return one file of a run; ranges are understood."""
+    async def get_artifact(request: Request, capture_id: str, path: str) -> Response:
+        """Return one file of a run; knows ranges, and conditions by ETag or date."""
         file = await asyncio.to_thread(inside, mission.run_folder(capture_id), path)
         if file is None:
             raise UnknownError(f"{capture_id} has no file {path!r}")
-        return _file_response(file)
+        return answer_if_wanted(request.headers, await asyncio.to_thread(_file_response, file))
 
     return router
 
 
-def _artifact(capture_id: str, file: FoundFile) -> Artifact:
+def _artifact(capture_id: str, file: FoundFile, prefix: str) -> Artifact:
     return Artifact(
         capture_id=capture_id,
         path=file.path,
         size_bytes=file.size_bytes,
         modified_at=file.modified_at,
-        url=f"/api/v1/artifacts/{quote(capture_id, safe='')}/{quote(file.path)}",
+        url=f"{prefix}/api/v1/artifacts/{quote(capture_id, safe='')}/{quote(file.path)}",
     )
 
 
-def _file_response(file: Path) -> FileResponse:
+def _file_response(file: Path) -> WholeFile:
     suffix = file.suffix.lower()
     # A run folder can hold anything: what a browser might execute is handed out as a download.
     disposition = "inline" if suffix in _SHOWN_INLINE else "attachment"
-    return FileResponse(
+    return WholeFile(
         file,
         media_type=_TYPES.get(suffix),
         filename=file.name,
         content_disposition_type=disposition,
+        # Given here, size, date and ETag are headers from the start.
+        stat_result=file.stat(),
         headers={"Cache-Control": "no-cache"},
     )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import uvicorn
 from fastapi import FastAPI
 
@@ -9,8 +11,15 @@ from fastapi import FastAPI
 _WEBSOCKET_LIMIT_BYTES = 64 * 1024 * 1024
 
 
-def uvicorn_config(web: FastAPI, host: str = "127.0.0.1", port: int = 0) -> uvicorn.Config:
+def uvicorn_config(
+    web: FastAPI,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    tls: tuple[Path, Path] | None = None,
+) -> uvicorn.Config:
     """Return the server configuration for ``web`` at ``host`` and ``port`` (0 picks a free one).
+
+    With ``tls``, certificate (chain) and key in PEM, it speaks HTTPS alone.
 
     The application needs its lifespan (it follows the event log in it). A server that is given
     open sockets takes those instead of ``host`` and ``port``.
@@ -22,6 +31,8 @@ def uvicorn_config(web: FastAPI, host: str = "127.0.0.1", port: int = 0) -> uvic
         web,
         host=host,
         port=port,
+        ssl_certfile=None if tls is None else tls[0],
+        ssl_keyfile=None if tls is None else str(tls[1]),
         log_config=None,
         log_level="warning",
         access_log=False,

@@ -19,6 +19,7 @@ from fastapi import APIRouter, WebSocket
 from pydantic import TypeAdapter, ValidationError
 from starlette.websockets import WebSocketDisconnect
 
+from server.api.access import allows
 from server.api.command import CommandDesk, CommandMessage
 from server.api.config import StreamConfig
 from server.api.journal import Journal
@@ -31,7 +32,9 @@ logger = logging.getLogger(__name__)
 
 _UNSUPPORTED_DATA = 1003
 _POLICY_VIOLATION = 1008
+_TOO_BIG = 1009
 _INTERNAL_ERROR = 1011
+_LONGEST_MESSAGE = 16 * 1024
 
 _client_message: TypeAdapter[ShowTiles | TileShown | CommandMessage] = TypeAdapter(ClientMessage)
 
@@ -85,7 +88,11 @@ def make_stream_router(
             with mission.events.subscribe(config.queue) as subscription:
                 standing = [*desk.standing(), *standing_events(mission, journal, config)]
                 outbox = Outbox(config.pending, standing)
-                await _Conversation(socket, subscription, outbox, desk, counts).run()
+                may_fly = allows(socket.state.visitor.role, "operator")
+                conversation = _Conversation(
+                    socket, subscription, outbox, desk if may_fly else None, counts
+                )
+                await conversation.run()
         except Exception:
             # The supervisor of one client: whatever broke, only this client notices.
             logger.exception("the event stream of a client failed")
@@ -109,9 +116,10 @@ class _Conversation:
         socket: WebSocket,
         subscription: Subscription,
         outbox: Outbox,
-        desk: CommandDesk,
+        desk: CommandDesk | None,
         counts: StreamCounts,
     ) -> None:
+        """Begin to talk; without ``desk`` the client only watches."""
         self._socket = socket
         self._subscription = subscription
         self._outbox = outbox
@@ -172,6 +180,9 @@ class _Conversation:
             if text is None:
                 await _close(self._socket, _UNSUPPORTED_DATA, "only text messages are understood")
                 return
+            if len(text) > _LONGEST_MESSAGE:
+                await _close(self._socket, _TOO_BIG, "no message here is so long")
+                return
             try:
                 message = _client_message.validate_json(text)
             except ValidationError:
@@ -182,6 +193,8 @@ class _Conversation:
                     self._outbox.show(drone_ids)
                 case TileShown(drone_id=drone_id, sequence=sequence):
                     self._outbox.shown(drone_id, sequence)
-                case _:
+                case _ if self._desk is not None:
                     self._desk.take_message(message)
+                case _:
+                    pass  # Who only watches has nothing to say about the command.
             self._work.set()

@@ -197,7 +197,7 @@ def _judge_and_deliver(
     return result
 
 
-def _go_on(reporter: Reporter) -> None:
+def _go_on(reporter: Reporting) -> None:
     """Raise JobStoppedError if somebody asked for the end."""
     if reporter.should_stop():
         raise JobStoppedError("stopped; it can go on where it was")

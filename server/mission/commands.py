@@ -267,5 +267,5 @@ class MissionControl(Protocol):
         ...
 
     def run_folder(self, capture_id: str) -> Path:
-        """Return the run folder of a capture; raises UnknownError."""
+        """Return the run folder of a capture or of a training beside it; raises UnknownError."""
         ...

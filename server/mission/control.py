@@ -63,7 +63,7 @@ from server.mission.recovery import Recovery
 from server.mission.start_places import start_place
 from server.recording.config import RecordingConfig
 from server.recording.repair import repair_all
-from server.store.runs import RunFolder, delete_run, list_runs
+from server.store.runs import RunFolder, delete_run, is_run, list_runs
 from server.swarm.drone import Drone
 from server.swarm.errors import DroneError
 from server.swarm.failsafes import Failsafe
@@ -323,7 +323,9 @@ class Control:
             self.events.publish(Noted("warning", "Nobody is in command now; the flight goes on."))
 
     def run_folder(self, capture_id: str) -> Path:
-        """Return the run folder of a capture; raises UnknownError."""
+        """Return the run folder of a capture or of a training beside it; raises UnknownError."""
+        if capture_id not in self._records and is_run(self._runs, capture_id):
+            return self._runs / capture_id
         return Path(self.capture(capture_id).status.run)
 
     def floor_plan(self) -> FloorPlan:

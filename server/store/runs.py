@@ -132,6 +132,14 @@ class RunFolder:
             stream.writelines(json.dumps(line) + "\n" for line in lines)
 
 
+def is_run(root: Path, name: str) -> bool:
+    """Return whether ``name`` is that of a folder under ``root`` with the results of a run."""
+    folder = root / name
+    if Path(name).name != name or name.startswith(".") or folder.is_symlink():
+        return False
+    return (folder / "metrics.json").is_file()
+
+
 def list_runs(root: Path) -> list[RunFolder]:
     """Return the run folders under ``root`` that hold a ``capture.json``, newest first."""
     if not root.is_dir():

@@ -308,8 +308,8 @@ class FakeMission:
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         self.calls.append(("start", request))
         await self._perhaps_hang()
-        if request.pictures > 400:
-            raise ValueError("pictures must be at most 400")
+        if request.drones is not None and request.drones > len(DRONES):
+            raise ValueError(f"drones must be 1 to {len(DRONES)}, not {request.drones}")
         if any(record.status.state == "running" for record in self.records.values()):
             raise RefusedError("a capture is running")
         return self.keep(capture_changed(f"run-{len(self.records) + 1}"), request)

@@ -6,17 +6,20 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import uvicorn
+from fake_jobs import FakeRunner
 from fake_mission import FakeMission, FakeStops
 
-from server.api.config import ApiConfig
+from server.api.access import KeyRing
+from server.api.config import ApiConfig, WebhookConfig
 from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
+from server.jobs.book import JobBook
 
 TOKEN = "correct-horse-battery-staple"
 
@@ -35,6 +38,8 @@ class Console:
     mission: FakeMission
     stops: FakeStops
     dist: Path
+    ring: KeyRing
+    book: JobBook
 
     @property
     def headers(self) -> dict[str, str]:
@@ -56,12 +61,20 @@ class Console:
 
 @asynccontextmanager
 async def serve(
-    tmp_path: Path, scene_port: int | None = None, dist: Path | None = None
+    tmp_path: Path,
+    scene_port: int | None = None,
+    dist: Path | None = None,
+    prefix: str = "",
+    webhook: WebhookConfig | None = None,
+    tls: tuple[Path, Path] | None = None,
 ) -> AsyncIterator[Console]:
     mission, stops, dist = FakeMission(tmp_path / "runs"), FakeStops(), dist or tmp_path / "dist"
-    config = replace(ApiConfig(), command_wait_s=0.2)
-    web = make_web(mission, stops, Door(TOKEN), scene_port, dist, "0.1.0", config)
-    server = _Server(uvicorn_config(web, "127.0.0.1", 0))
+    config = ApiConfig(command_wait_s=0.2, webhook=webhook or WebhookConfig())
+    ring = KeyRing(TOKEN, tmp_path / "tokens.json")
+    door = Door(ring, prefix=prefix)
+    book = JobBook(FakeRunner())
+    web = make_web(mission, stops, book, door, scene_port, dist, "0.1.0", config)
+    server = _Server(uvicorn_config(web, "127.0.0.1", 0, tls))
     serving = asyncio.create_task(server.serve())
     while not server.started:
         if serving.done():
@@ -69,7 +82,7 @@ async def serve(
         await asyncio.sleep(0.01)
     host, port = server.servers[0].sockets[0].getsockname()
     try:
-        yield Console(f"{host}:{port}", mission, stops, dist)
+        yield Console(f"{host}:{port}", mission, stops, dist, ring, book)
     finally:
         mission.released.set()
         server.should_exit = True

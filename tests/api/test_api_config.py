@@ -16,7 +16,7 @@ from server.api.config import ApiConfig, DoorConfig, StreamConfig
         (StreamConfig, "history", -1),
         (StreamConfig, "captures", -1),
         (ApiConfig, "notes", 0),
-        (ApiConfig, "artifacts", 0),
+        (ApiConfig, "body_bytes", 0),
         (ApiConfig, "command_wait_s", float("inf")),
     ],
 )

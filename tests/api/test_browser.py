@@ -264,3 +264,36 @@ async def test_a_grounded_capture_says_what_to_do(tmp_path: Path, page: Page) ->
         await expect(card).to_contain_text("does not answer")
         await page.get_by_test_id("capture-resume").click()
         await until(lambda: console.mission.records["run-1"].status.state == "running")
+
+
+@built
+@pytest.mark.parametrize("prefix", ["", "/lab/drones"])
+async def test_pages_obey_their_own_policy_and_find_everything(
+    tmp_path: Path, page: Page, prefix: str
+) -> None:
+    """Sign in, dashboard and 3D scene, with no content refused; also below a proxy's path."""
+    refused: list[str] = []
+    await page.add_init_script(
+        "addEventListener('securitypolicyviolation', (event) => console.error("
+        "`policy: ${event.violatedDirective} ${event.blockedURI} ${event.sourceFile}`))"
+    )
+    page.on("console", lambda m: refused.append(m.text) if m.text.startswith("policy") else None)
+    missing: list[str] = []
+    page.on("response", lambda r: missing.append(r.url) if r.status == 404 else None)
+    async with SceneView() as scene, serve(tmp_path, scene.port, DIST, prefix) as console:
+        await page.goto(f"{console.http}{prefix}/")
+        main = page.locator("main")
+        assert await main.evaluate("element => getComputedStyle(element).fontSize") == "16px"
+        width = await page.locator("body").evaluate("body => getComputedStyle(body).maxWidth")
+        assert width == "416px", "the plain page's own style sheet is applied"
+        await page.fill("#token", TOKEN)
+        await page.click("button")
+        for drone_id in DRONES:
+            await expect(page.get_by_test_id(f"tile-{drone_id}")).to_be_visible()
+        await page.goto(f"{console.http}{prefix}/#/plan")
+        frame = page.frame_locator("[data-testid=scene-frame]")
+        await expect(frame.locator("canvas").first).to_be_visible(timeout=30_000)
+        policy = (await page.request.get(f"{console.http}{prefix}/")).headers
+        assert "unsafe" not in policy["content-security-policy"]
+    assert refused == []
+    assert missing == []

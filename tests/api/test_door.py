@@ -13,8 +13,11 @@ from starlette.datastructures import Headers
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
+from server.api.access import KeyRing
 from server.api.config import DoorConfig
 from server.api.door import Door, is_own_origin
+
+RING = KeyRing(TOKEN)
 
 
 class Clock:
@@ -31,43 +34,43 @@ def bearer(token: str) -> Headers:
 
 @given(st.text(alphabet=st.characters(max_codepoint=255)))
 def test_only_the_token_opens(guess: str) -> None:
-    assert Door(TOKEN).admits(bearer(guess)) == (guess.strip() == TOKEN)
+    assert (Door(RING).visitor(bearer(guess)) is not None) == (guess.strip() == TOKEN)
 
 
 @pytest.mark.parametrize("token", ["", "two words", "naïve", "line\n"])
 def test_tokens_that_no_header_can_carry_are_refused(token: str) -> None:
     with pytest.raises(ValueError, match="token"):
-        Door(token)
+        KeyRing(token)
 
 
 def test_a_session_runs_out() -> None:
     clock = Clock()
-    door = Door(TOKEN, DoorConfig(session_s=10.0), clock)
-    session_id = door.open_session()
-    assert door.is_session(session_id)
+    door = Door(RING, DoorConfig(session_s=10.0), clock)
+    session_id = door.open_session(RING.own)
+    assert door.session(session_id) == RING.own
     clock.now_s = 9.9
-    assert door.is_session(session_id)
+    assert door.session(session_id) == RING.own
     clock.now_s = 10.0
-    assert not door.is_session(session_id)
+    assert door.session(session_id) is None
 
 
 def test_the_oldest_session_is_forgotten_first() -> None:
-    door = Door(TOKEN, DoorConfig(sessions=2))
-    first, second, third = (door.open_session() for _ in range(3))
-    assert [door.is_session(s) for s in (first, second, third)] == [False, True, True]
+    door = Door(RING, DoorConfig(sessions=2))
+    first, second, third = (door.open_session(RING.own) for _ in range(3))
+    assert [door.session(s) is not None for s in (first, second, third)] == [False, True, True]
 
 
 def test_a_session_id_is_neither_token_nor_bearer() -> None:
-    door = Door(TOKEN)
-    session_id = door.open_session()
+    door = Door(RING)
+    session_id = door.open_session(RING.own)
     assert TOKEN not in session_id
-    assert not door.admits(bearer(session_id))
-    assert not door.admits(Headers({"cookie": f"{door.cookie_name}={TOKEN}"}))
-    assert door.admits(Headers({"cookie": f"a=b; {door.cookie_name}={session_id}"}))
+    assert door.visitor(bearer(session_id)) is None
+    assert door.visitor(Headers({"cookie": f"{door.cookie_name}={TOKEN}"})) is None
+    assert door.visitor(Headers({"cookie": f"a=b; {door.cookie_name}={session_id}"})) == RING.own
 
 
 def test_two_consoles_on_one_host_have_cookies_of_their_own() -> None:
-    assert Door("one-token").cookie_name != Door("another-token").cookie_name
+    assert Door(KeyRing("one-token")).cookie_name != Door(KeyRing("another")).cookie_name
 
 
 @pytest.mark.parametrize(
@@ -110,7 +113,7 @@ async def test_without_the_token_everything_is_401(console: Console) -> None:
         assert (await client.post("/api/v1/fleet/cut-motors")).status_code == 401
         login = await client.get("/")
         assert login.status_code == 401
-        assert '<form method="post" action="/login">' in login.text
+        assert '<form method="post" action="login">' in login.text
     assert console.stops.calls == []
 
 

@@ -137,6 +137,13 @@ async def test_a_capture_from_start_to_abort(console: Console) -> None:
     assert asked == CaptureRequest(mode="standard", name="cow")
 
 
+async def test_a_whole_number_may_be_written_with_a_point(console: Console) -> None:
+    async with console.client() as client:
+        answer = await client.post("/api/v1/captures", json={"pictures": 8.0, "drones": 2.0})
+    assert answer.status_code == 202
+    assert console.mission.calls == [("start", CaptureRequest(pictures=8, drones=2))]
+
+
 async def test_a_capture_needs_no_body(console: Console) -> None:
     async with console.client() as client:
         assert (await client.post("/api/v1/captures")).status_code == 202
@@ -148,6 +155,8 @@ async def test_a_capture_needs_no_body(console: Console) -> None:
     [
         ({"mode": "best"}, "body.mode"),
         ({"pictures": "24"}, "body.pictures"),
+        ({"pictures": 24.5}, "body.pictures"),
+        ({"pictures": True}, "body.pictures"),
         ({"pictures": 0}, "body.pictures"),
         ({"drones": 0}, "body.drones"),
         ({"train_seconds": -1}, "body.train_seconds"),
@@ -173,10 +182,17 @@ async def test_infinite_training_is_refused(console: Console) -> None:
     is_problem(response, 422)
 
 
-async def test_numbers_the_mission_refuses_are_422(console: Console) -> None:
+async def test_numbers_that_no_capture_can_have_are_422(console: Console) -> None:
     async with console.client() as client:
-        response = await client.post("/api/v1/captures", json={"pictures": 4000})
-    assert is_problem(response, 422)["detail"] == "pictures must be at most 400"
+        for body in ({"pictures": 4000}, {"drones": 9}, {"train_seconds": 1e6}):
+            is_problem(await client.post("/api/v1/captures", json=body), 422)
+    assert console.mission.calls == []
+
+
+async def test_numbers_that_this_mission_cannot_have_are_refused(console: Console) -> None:
+    async with console.client() as client:
+        response = await client.post("/api/v1/captures", json={"drones": 5})
+    assert is_problem(response, 409)["detail"] == "drones must be 1 to 4, not 5"
 
 
 async def test_metrics_and_reconstructions_exist_only_when_measured(console: Console) -> None:
@@ -376,13 +392,14 @@ async def test_no_way_leads_out_of_a_run_folder(console: Console, path: str) -> 
 async def test_whatever_is_not_there_is_a_problem_document(console: Console) -> None:
     async with console.client() as client:
         is_problem(await client.get("/api/v1/nothing"), 404)
-        is_problem(await client.get("/api/v1/jobs"), 404)
         is_problem(await client.get("/nothing/at/all"), 404)
         is_problem(await client.get("/scene/"), 404)
         wrong = await client.get("/api/v1/fleet/hold")
         is_problem(wrong, 405)
-        is_problem(await client.delete("/api/v1/captures"), 405)
+        other = await client.delete("/api/v1/captures")
+        is_problem(other, 405)
     assert wrong.headers["allow"] == "POST"
+    assert other.headers["allow"] == "GET, HEAD, POST"
     assert console.stops.calls == []
 
 
@@ -452,6 +469,10 @@ async def test_openapi_describes_every_path_with_a_stable_name(console: Console)
     operations = [
         operation for methods in document["paths"].values() for operation in methods.values()
     ]
+    capture = document["components"]["schemas"]["CaptureSpec"]["properties"]
+    assert (capture["pictures"]["minimum"], capture["pictures"]["maximum"]) == (1, 400)
+    assert capture["drones"]["anyOf"][0]["maximum"] == 8
+    assert capture["seed"]["minimum"] == 0
     names = [operation["operationId"] for operation in operations]
     assert len(names) == len(set(names))
     assert {"holdFleet", "startCapture", "commandDrone", "listArtifacts"} <= set(names)

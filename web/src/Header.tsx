@@ -1,3 +1,4 @@
+import { BASE } from "./api/base";
 import { AskingBand, CommandPill } from "./command/CommandPill";
 import { useConsole, useOperator } from "./context";
 import { Icon } from "./design/Icon";
@@ -82,7 +83,7 @@ function ConnectionBand() {
       <div className="band band-bad" role="alert">
         <Icon name="warning" />
         <span className="band-text">{text.signedOutText}</span>
-        <a className="button" href="/">
+        <a className="button" href={`${BASE}/`}>
           {text.signIn}
         </a>
       </div>

@@ -1,3 +1,4 @@
+import { BASE } from "./base";
 import { request } from "./request";
 
 export type Mode = "optimized" | "standard";
@@ -28,7 +29,7 @@ export async function changeCapture(captureId: string, verb: CaptureVerb): Promi
 /** Return false when the server does not know this browser; true when it does or is silent. */
 export async function isSignedIn(): Promise<boolean> {
   try {
-    const response = await fetch("/api/v1/captures", {
+    const response = await fetch(`${BASE}/api/v1/captures?limit=1`, {
       credentials: "same-origin",
       cache: "no-store",
       signal: AbortSignal.timeout(3000),

@@ -1,4 +1,5 @@
 import type { CaptureReport } from "../protocol/messages.gen";
+import { BASE } from "./base";
 import { request, requestText } from "./request";
 
 /** A capture as the library lists it. */
@@ -89,7 +90,7 @@ function artifactPath(captureId: string, path: string): string {
 
 /** The address of a file of a run. */
 export function artifactUrl(captureId: string, path: string): string {
-  return `/api/v1${artifactPath(captureId, path)}`;
+  return `${BASE}/api/v1${artifactPath(captureId, path)}`;
 }
 
 /** The file of a capture's picture. */

@@ -1,3 +1,4 @@
+import { BASE } from "./base";
 import { CLIENT_HEADER, clientId } from "./client";
 import { words } from "../text/words";
 
@@ -13,7 +14,7 @@ export class RequestError extends Error {
   }
 }
 
-const ROOT = "/api/v1";
+const ROOT = `${BASE}/api/v1`;
 
 /**
  * Send a request to the server and return its JSON answer (undefined when the answer is empty).

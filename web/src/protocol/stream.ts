@@ -1,3 +1,4 @@
+import { BASE } from "../api/base";
 import { clientId } from "../api/client";
 import type { ClientMessage, ServerMessage } from "./messages.gen";
 import { parseMessage } from "./parse";
@@ -174,5 +175,5 @@ function openSocket(url: string): Socket {
 
 /** The stream's address beside the page that was loaded. */
 export function streamUrl(page: Pick<Location, "protocol" | "host">): string {
-  return `${page.protocol === "https:" ? "wss:" : "ws:"}//${page.host}/api/v1/stream`;
+  return `${page.protocol === "https:" ? "wss:" : "ws:"}//${page.host}${BASE}/api/v1/stream`;
 }

@@ -1,4 +1,5 @@
 import { useEffect, useRef, useState, type ReactNode } from "react";
+import { BASE } from "../api/base";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
@@ -84,7 +85,7 @@ function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
     <iframe
       ref={frame}
       title={words.scene.frame}
-      src={dark ? "/scene/?darkMode" : "/scene/"}
+      src={`${BASE}/scene/${dark ? "?darkMode" : ""}`}
       data-testid="scene-frame"
     />
   );
