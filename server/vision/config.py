@@ -83,6 +83,10 @@ class SeedConfig:
         pair_min_rad: Two views are an orthogonal pair from this angle between their directions on,
             radians; and up to pi minus it.
         agreement: Share of the views that see a place whose boxes must hold it to be the object.
+        centroid_share: Standard deviation of a box's centre about the object's, as a share of the
+            box's larger side.
+        unsure_views: Of so few views none is believed that nothing is above what it shows; of more
+            all are, by one minus this over their number.
         shape_doubt: For the boxes inside the outer one, the regions' shapes must hold a place to be
             the object by all votes but this share divided by the root of their number.
         closing_share: Gaps in a region's shape are closed up to this share of its size; from 1 on
@@ -106,6 +110,8 @@ class SeedConfig:
     min_views: int = 2
     pair_min_rad: float = 0.785
     agreement: float = 0.75
+    centroid_share: float = 0.1
+    unsure_views: float = 4.0
     shape_doubt: float = 0.1
     closing_share: float = 1.0
     tolerance_px: float = 4.0

@@ -4,8 +4,8 @@ Every box spans four side planes through its camera; the views of an orthogonal 
 object on all sides, and where the pairs' boxes agree lies the object. Poses are wrong by decimetres
 and degrees, so a plain intersection may be empty. Three things keep it sound:
 
-1. the rays through the box centres are brought to one common point (each view is turned by the few
-   degrees it misses it by; most of a pose's error shows as exactly that turn),
+1. the rays through the box centres are brought towards one common point (each view is turned by its
+   pose's share of the few degrees it misses it by; most of a pose's error shows as exactly that),
 2. places are kept by vote: a share of the views that see a place must hold it to be the object,
 3. a view abstains on places beyond its picture.
 
@@ -57,7 +57,7 @@ def seed_from_views(views: Sequence[View], config: SeedConfig) -> SeedGeometry:
         raise SeedError(f"the seed needs at least {config.min_views} views, got {len(views)}")
     _require_orthogonal_pair(views, config)
     centre = common_centre(views, config)
-    turned = [_turned_towards(view, centre) for view in views]
+    turned = [_turned_towards(view, centre, config) for view in views]
     half = _half_size(turned, centre)
     lower, upper = centre - half, centre + half
     lower[2], upper[2] = max(lower[2], 0.0), max(upper[2], config.min_size_m)
@@ -148,13 +148,18 @@ def common_centre(views: Sequence[View], config: SeedConfig) -> Array:
     return centre
 
 
-def _turned_towards(view: View, centre: Array) -> View:
-    """Return ``view`` turned in place so that its box's centre ray passes through ``centre``.
+def _turned_towards(view: View, centre: Array, config: SeedConfig) -> View:
+    """Return ``view`` turned in place so that its box's centre ray passes ``centre`` more closely.
 
-    A box cut off by the picture's edge keeps its elevation: its true centre lies beyond.
+    A ray misses it for two reasons: the pose is wrong, or the box's centre is not the object's, as
+    it is in perspective and where the search lost a part. The view is turned by the pose's share
+    of the miss. A box cut off by the picture's edge keeps its elevation: its true centre lies
+    beyond.
     """
     seen = _centre_direction(view)
-    wanted = centre - view.pose.position_world
+    offset = centre - view.pose.position_world
+    distance_m = max(float(np.linalg.norm(offset)), 1e-6)
+    wanted = seen + _pose_share(view, distance_m, config) * (offset / distance_m - seen)
     turn = np.arctan2(wanted[1], wanted[0]) - np.arctan2(seen[1], seen[0])
     R = Rotation.from_euler("z", turn).as_matrix()
     if not view.box.touches_edge:
@@ -167,6 +172,13 @@ def _turned_towards(view: View, centre: Array) -> View:
     T = view.pose.T_world_cam.copy()
     T[:3, :3] = R @ T[:3, :3]
     return replace(view, pose=replace(view.pose, T_world_cam=T))
+
+
+def _pose_share(view: View, distance_m: float, config: SeedConfig) -> float:
+    """Return the pose's share, 0 to 1, of the variance of the direction to the object."""
+    pose = (view.pose.position_sigma_m / distance_m) ** 2 + float(view.pose.covariance[3, 3])
+    box = (config.centroid_share * float(view.box.size_px.max()) / view.intrinsics.fx) ** 2
+    return pose / (pose + box)
 
 
 def _half_size(views: Sequence[View], centre: Array) -> float:

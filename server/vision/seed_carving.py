@@ -1,14 +1,18 @@
 """Which places the views hold to be the object: a grid of cells, each view with one vote.
 
 Votes are counted, not multiplied: a region search loses thin parts in one view and takes a shadow
-along in another, and poses are wrong, so no single view may decide. Three rules:
+along in another, and poses are wrong, so no single view may decide. Four rules:
 
 1. a view holds a place to be the object where its projection lies inside the region's shape, or
    outside it by no more than a tolerance: what a cut is wrong by, and what the believed distance
    is wrong by (a camera ``sigma`` nearer shows everything ``sigma / depth`` larger). Beyond that
    its vote fades with distance, so that being slightly outside in one view is no verdict;
 2. a view abstains on places beyond its picture when its box touches the edge;
-3. a place needs the votes of a share of the views that have one, and half of all views must.
+3. of what rises in front of furniture a search loses more than it takes along, so "not there"
+   counts less above all that a view shows than beside it or below: by ``1 - unsure_views / n`` of
+   ``n`` views;
+4. a place needs the votes of a share of the views that have one; half of all views must have one,
+   and two must hold it without any doubt.
 
 Symbols: ``n`` cells along each axis; grids are ``(n, n, n)``, x outermost.
 """
@@ -32,6 +36,7 @@ Cells = NDArray[np.bool_]
 
 # Around a mask, distances are known this far out; farther away it is simply outside.
 _PAD = 24
+_LEAST_CERTAIN = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,20 +73,28 @@ def carve(views: Sequence[View], space: Box3, config: SeedConfig, *, by_region: 
     """
     n = config.voxels
     points = cell_centres(space, (n, n, n))
-    votes, voters = np.zeros(len(points)), np.zeros(len(points))
+    # Per cell: the votes for it, what they can be at most, the views that have one, and those that
+    # hold it without doubt.
+    votes, most, voters, certain = (np.zeros(len(points)) for _ in range(4))
+    above_weight = max(0.0, 1.0 - config.unsure_views / len(views))
     for view in views:
         pixels, depths = view.intrinsics.project(points, view.pose.T_world_cam)
         in_front = depths > 0.0
         seen = in_front & view.intrinsics.contains(pixels)
         may_vote = seen if view.box.touches_edge else np.ones(len(points), bool)
         judged = may_vote & in_front
+        held, against = np.zeros(len(points)), may_vote.astype(float)
         if by_region:
-            votes[judged] += _in_region(view, pixels[judged], depths[judged], config)
+            held[judged] = _in_region(view, pixels[judged], depths[judged], config)
         else:
-            votes[judged] += _in_box(view, pixels[judged])
+            held[judged] = _in_box(view, pixels[judged])
+        against[judged] = np.where(_above(view, pixels[judged]), above_weight, 1.0)
+        votes += held
+        most += held + (1.0 - held) * against
         voters += may_vote
-    known = voters >= max(2.0, 0.5 * len(views))
-    shares = np.where(known, votes / np.maximum(voters, 1.0), 0.0)
+        certain += held >= 1.0
+    known = (voters >= max(2.0, 0.5 * len(views))) & (certain >= _LEAST_CERTAIN)
+    shares = np.where(known, votes / np.maximum(most, 1e-9), 0.0)
     return Carving(space, shares.reshape((n, n, n)))
 
 
@@ -110,6 +123,13 @@ def _in_box(view: View, pixels: Array) -> Array:
     left, top, right, bottom = view.box.xyxy_px
     x, y = pixels[:, 0], pixels[:, 1]
     return ((x >= left) & (x <= right) & (y >= top) & (y <= bottom)).astype(float)
+
+
+def _above(view: View, pixels: Array) -> Cells:
+    """Return which pixels ``(m, 2)`` lie straight above the view's box."""
+    left, top, right, _ = view.box.xyxy_px
+    x, y = pixels[:, 0], pixels[:, 1]
+    return (x >= left) & (x <= right) & (y < top)
 
 
 def _in_region(view: View, pixels: Array, depths: Array, config: SeedConfig) -> Array:
