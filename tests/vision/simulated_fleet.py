@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from server.bench.missions.virtual_corners import VirtualCorners
 from server.geometry.axes import wrap_angle
 from server.geometry.poses import yaw_of_camera
 from server.sim.camera import true_intrinsics
@@ -23,7 +24,7 @@ from server.vision.config import LocalizationConfig
 from server.vision.localization import PoseFilter
 from server.vision.target import TargetEstimate, TargetEstimator
 
-STEP_S, REPORT_STEPS, PICTURE_STEPS = 0.02, 5, 8
+STEP_S, REPORT_STEPS, PICTURE_STEPS, CORNER_STEPS = 0.02, 5, 8, 5
 CAMERA = CameraConfig()
 RADIUS_M, HEIGHT_M = 1.8, 0.9
 
@@ -38,6 +39,7 @@ class Flier:
     box_bias: np.ndarray
     rng: np.random.Generator
     seed: int
+    corners: VirtualCorners
 
     def steer(self, wanted_world: np.ndarray, yaw_rate_rad_s: float) -> None:
         """Set the sticks for about a velocity and a turn."""
@@ -95,6 +97,7 @@ def fly(
     config: LocalizationConfig | None = None,
     dynamics: DynamicsConfig | None = None,
     worst_start: bool = False,
+    corners: bool = False,
 ) -> Flown:
     """Take off, then step along the circle facing the object, as rounds of a capture do.
 
@@ -106,6 +109,7 @@ def fly(
         dynamics: The airframes'.
         worst_start: Each drone stands 20 cm off, turned by 15 degrees; else at random as the
             filter believes it.
+        corners: Whether corners of the room are followed.
     """
     config = config or LocalizationConfig()
     rng = np.random.default_rng(seed)
@@ -129,6 +133,10 @@ def fly(
                 flier.report(now_s)
             if (step + number) % PICTURE_STEPS == 0 and now_s > 4.0:
                 _look(flier, target, now_s, config, estimator)
+            if corners and (step + 2 * number) % CORNER_STEPS == 0 and now_s > 4.0:
+                lens = true_intrinsics(CAMERA, flier.seed, flier.lens_index)
+                seen = flier.corners.seen(flier.body.T_world_cam(), lens, now_s)
+                flier.filter.observe_features(seen)
         if step % 50 == 0 and now_s > 6.0:
             judged = [_judge(flier, now_s) for flier in fleet]
             errors += [error for error, _ in judged]
@@ -170,7 +178,15 @@ def _flier(
         f"drone-{k + 1}", nominal, azimuth + np.pi, config, CAMERA.calibrated, float(tilt)
     )
     spread = np.array([config.box_bias_rad, config.box_bias_rad, config.size_bias])
-    return Flier(body, believed, k, spread * rng.standard_normal(3), rng, seed)
+    return Flier(
+        body,
+        believed,
+        k,
+        spread * rng.standard_normal(3),
+        rng,
+        seed,
+        VirtualCorners(np.random.default_rng([seed, k, 7])),
+    )
 
 
 def _autopilot(flier: Flier, target: np.ndarray, now_s: float) -> None:
