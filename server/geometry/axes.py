@@ -18,7 +18,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 # Right-multiplied to a camera-to-world pose it flips y and z: half a turn about the camera's x.
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -55,11 +54,6 @@ def rotation_zyx(z_rad: float, y_rad: float, x_rad: float) -> NDArray[np.float64
             [-sy, cy * sx, cy * cx],
         ]
     )
-
-
-def rotation_about(turn: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation ``(3, 3)`` about the vector ``turn`` ``(3,)`` by its length, radians."""
-    return Rotation.from_rotvec(turn).as_matrix()
 
 
 def wrap_angle(angle_rad: float) -> float:

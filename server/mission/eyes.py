@@ -22,8 +22,7 @@ from server.mission.events import EventStream, FrameAnnotated
 from server.stages import Box, Frame, Region
 from server.swarm.drone import Drone
 from server.vision.annotate import annotate
-from server.vision.config import VisionConfig
-from server.vision.features import Features, FeatureTracker
+from server.vision.config import RegionConfig, VisionConfig
 from server.vision.orientation import yaw_error
 from server.vision.region import RegionPrior, RegionTracker
 
@@ -38,13 +37,11 @@ class Sight:
         frame: The picture.
         region: The object's region, None when it was not seen.
         box: Its box, None when it was not seen.
-        features: Corners of the scene in this picture or one just before; None when unknown.
     """
 
     frame: Frame
     region: Region | None
     box: Box | None
-    features: Features | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,13 +88,12 @@ class Eye(Protocol):
 
 
 class PictureSearch:
-    """Searches the pictures of one camera for object and corners, one after the other."""
+    """Searches the pictures of one camera for the object, one after the other."""
 
-    def __init__(self, camera: Intrinsics, config: VisionConfig, turn: float = 0.0) -> None:
+    def __init__(self, camera: Intrinsics, config: RegionConfig, turn: float = 0.0) -> None:
         """Build it; ``turn`` as ``RegionTracker`` takes it."""
         self._camera = camera
-        self._tracker = RegionTracker(config.region, turn)
-        self._features = FeatureTracker(config.features)
+        self._tracker = RegionTracker(config, turn)
 
     def point_out(self, xyxy_px: Array | None) -> None:
         """Say where the object is in the next picture, see ``Eye.point_out``."""
@@ -114,8 +110,7 @@ class PictureSearch:
         usable = self.fits(frame) and not frame.damaged
         found = self._tracker.update(frame, expected) if usable else None
         region, box = found if found is not None else (None, None)
-        features = self._features.update(frame) if usable else None
-        return Sight(frame, region, box, features)
+        return Sight(frame, region, box)
 
 
 class CameraEye:
@@ -143,7 +138,7 @@ class CameraEye:
         self.sight: Sight | None = None
         self.annotated: FrameAnnotated | None = None
         self._drone = drone
-        self._search = PictureSearch(drone.config.intrinsics, config, turn)
+        self._search = PictureSearch(drone.config.intrinsics, config.region, turn)
         self._events = events
         self._threads = threads
         self._clock = clock

@@ -177,12 +177,9 @@ class Wing:
         if sight is None or sight.frame.sequence <= self._sequence:
             return
         self._sequence = sight.frame.sequence
-        up = self.drone.activity in ("flying", "holding")
-        if sight.features is not None and up:
-            self.filter.observe_features(sight.features)
         # Near the floor the object fills the picture or hides behind its edge.
         usable = sight.box is not None and sight.box.confidence > _SURE_ENOUGH
-        if usable and up:
+        if usable and self.drone.activity in ("flying", "holding"):
             others = target.estimate(excluding=self.drone.config.id)
             assert sight.box is not None
             if self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed):

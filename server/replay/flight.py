@@ -141,10 +141,10 @@ class _Flight:
         config = replace(config, mission=replace(config.mission, plan_timeout_s=_NO_HURRY_S))
         self._drones = {drone.id: RecordedDrone(drone) for drone in description.drones}
         fleet = RecordedFleet(StartCircle(description.start_radius_m), self._drones)
-        count = len(description.drones)
+        region, count = config.vision.region, len(description.drones)
         # Eyes take turns as those of the console did.
         self._eyes = {
-            drone.id: RecordedEye(drone, config.vision, number / count)
+            drone.id: RecordedEye(drone, region, number / count)
             for number, drone in enumerate(description.drones)
         }
         self._decoders = {drone_id: UnitDecoder(drone_id) for drone_id in self._drones}

@@ -20,7 +20,7 @@ from server.stages import Frame, Setpoint, Telemetry
 from server.swarm.config import DroneConfig, SafetyConfig
 from server.swarm.failsafes import FlightReadings
 from server.swarm.flight_watch import Activity
-from server.vision.config import VisionConfig
+from server.vision.config import RegionConfig, VisionConfig
 from server.vision.region import RegionPrior
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ class RecordedDrone:
 class RecordedEye:
     """Searches recorded pictures as the mission's eye does; an ``Eye``."""
 
-    def __init__(self, drone: DroneConfig, config: VisionConfig, turn: float) -> None:
+    def __init__(self, drone: DroneConfig, config: RegionConfig, turn: float) -> None:
         """Build it; ``turn`` as ``CameraEye`` takes it."""
         self.sight: Sight | None = None
         self.annotated: FrameAnnotated | None = None

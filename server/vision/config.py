@@ -189,67 +189,6 @@ class AgreementConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class FeatureConfig:
-    """Which corners are followed from picture to picture.
-
-    Attributes:
-        work_scale: Full-picture pixels per pixel of the picture they are followed in.
-        every_s: Time from one picture looked at to the next, seconds.
-        most: How many are followed.
-        fewest: With fewer left, new ones are chosen.
-        apart_px: So far apart they are chosen, pixels of the reduced picture.
-    """
-
-    work_scale: int = 4
-    every_s: float = 0.09
-    most: int = 40
-    fewest: int = 28
-    apart_px: int = 14
-
-    def __post_init__(self) -> None:
-        _require_positive(self)
-        _require(self.fewest <= self.most, "fewest", "must be at most most")
-
-
-@dataclass(frozen=True, slots=True)
-class LandmarkConfig:
-    """How corners of the scene tell the pose filter how its camera has moved.
-
-    Attributes:
-        sigma_rad: Error of a corner's direction, radians: following, compression, lens; more than
-            these make, because they last, and linearising does its part.
-        readout_s: Rows are exposed within this time: turning shifts corners by as much.
-        attitude_sigma_rad: Error of the attitude of one picture about its reported lean, radians.
-        inverse_distance: Expected inverse distance of a new landmark, 1/m.
-        inverse_distance_sigma: How far one landmark's differs from the others', 1/m.
-        inverse_scene_sigma: How well that of all of them together is known, 1/m.
-        gap_s: After a longer time without corners all landmarks are forgotten, seconds.
-        most: How many landmarks there are.
-        most_anchors: How many pictures they were first seen in.
-        least_new: So many new corners make a new anchor.
-        outlier_sigmas: A corner that is off by more standard deviations moves by itself.
-        inlier_share: When fewer fit together, the picture says nothing, and all is begun anew.
-    """
-
-    sigma_rad: float = 0.008
-    readout_s: float = 0.01
-    attitude_sigma_rad: float = 0.01
-    inverse_distance: float = 0.3
-    inverse_distance_sigma: float = 0.15
-    inverse_scene_sigma: float = 0.15
-    gap_s: float = 1.0
-    most: int = 40
-    most_anchors: int = 5
-    least_new: int = 8
-    outlier_sigmas: float = 4.0
-    inlier_share: float = 0.6
-
-    def __post_init__(self) -> None:
-        _require_positive(self)
-        _require(self.inlier_share < 1.0, "inlier_share", "must be below 1")
-
-
-@dataclass(frozen=True, slots=True)
 class LocalizationConfig:
     """What the pose filter believes about the drone, its sensors and the object.
 
@@ -286,7 +225,6 @@ class LocalizationConfig:
         target_height_sigma_m: How well that is known, metres.
         object_height_m: Height of the object before it was seen, metres.
         object_height_log_sigma: How well its logarithm is known.
-        landmarks: What corners of the scene tell.
     """
 
     start_position_sigma_m: float = 0.12
@@ -320,7 +258,6 @@ class LocalizationConfig:
     target_height_sigma_m: float = 0.4
     object_height_m: float = 0.8
     object_height_log_sigma: float = 0.7
-    landmarks: LandmarkConfig = field(default_factory=LandmarkConfig)
 
     def __post_init__(self) -> None:
         offset = self.tof_offset_m
@@ -328,7 +265,7 @@ class LocalizationConfig:
         share = self.attitude_share
         _require(0.0 <= share <= 1.0, "attitude_share", f"must lie between 0 and 1, got {share}")
         for each in fields(self):
-            if each.name not in ("tof_offset_m", "attitude_share", "landmarks"):
+            if each.name not in ("tof_offset_m", "attitude_share"):
                 value = getattr(self, each.name)
                 _require(value > 0, each.name, f"must be above zero, got {value}")
 
@@ -341,12 +278,10 @@ class VisionConfig:
         region: Finding the object in a picture.
         seed: Combining views.
         agreement: Whether views are of one object.
-        features: Corners followed from picture to picture.
         localization: Poses of drones and object.
     """
 
     region: RegionConfig = field(default_factory=RegionConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
     agreement: AgreementConfig = field(default_factory=AgreementConfig)
-    features: FeatureConfig = field(default_factory=FeatureConfig)
     localization: LocalizationConfig = field(default_factory=LocalizationConfig)

@@ -1,6 +1,6 @@
 """Where the drones are, and where the object is, without any external localisation.
 
-One extended Kalman filter per drone. Its state, 20 numbers and those of the landmarks:
+One extended Kalman filter per drone. Its state, 17 numbers:
 
     p (3)   camera centre, world metres            [0:3]
     b       world heading minus reported yaw, rad  [3]
@@ -11,17 +11,11 @@ One extended Kalman filter per drone. Its state, 20 numbers and those of the lan
     o (3)   slowly changing errors of the box: right, down (rad), log apparent height  [10:13]
     t (3)   centre of the object, world metres     [13:16]
     h       log of the object's height in metres   [16]
-    a (3)   error of the newest picture's attitude, rad, world axes  [17:20]
-    landmarks, see ``landmarks``                   [20:]
 
 Reported velocity and yaw drive the prediction; distance sensor and height correct z; the box gives
 direction (two angles) and log apparent height of the object. Every filter holds the object in its
 own state, starting from the same prior: it stands about where the start circle has its centre. That
 prior and the start places are the gauge of the world. What drones share is in ``target``.
-
-Corners that are followed from picture to picture say how the camera has moved since they were first
-seen: more finely than reported speeds do, which come in steps of 0.1 m/s, and without drifting off
-while a drone hovers.
 
 Heights are reported in steps of 10 cm, so that many reports of one height say no more than one:
 only a step is a measurement, of the height between the two.
@@ -32,35 +26,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from server.geometry.axes import (
-    R_BODY_LEVEL_CAM,
-    rotation_about,
-    rotation_z,
-    rotation_zyx,
-    wrap_angle,
-)
+from server.geometry.axes import R_BODY_LEVEL_CAM, rotation_z, rotation_zyx, wrap_angle
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import transform_from
 from server.stages import Box, CameraPose, SeedGeometry, Telemetry
 from server.vision.config import LocalizationConfig
-from server.vision.features import Features
-from server.vision.landmarks import LandmarkMap
 from server.vision.target import TargetEstimate, estimate_from, prior_target
 from server.vision.view_dependence import view_dependence
 
 Array = NDArray[np.float64]
 
 _P, _B, _D, _S, _E, _F = slice(0, 3), 3, 4, 5, slice(6, 9), 9
-_O, _T, _A = slice(10, 13), slice(13, 17), slice(17, 20)
-_SIZE = 20
+_O, _T = slice(10, 13), slice(13, 17)
+_SIZE = 17
 # Reported heights come in steps of this size, metres; a larger change hides the way between.
 _HEIGHT_STEP_M = 0.11
 # A standard deviation so large that the measurement changes nothing.
 _IGNORED = 100.0
 _UP = np.array([0.0, 0.0, 1.0])
-# Weights of corners: rounds, and standard deviations beyond which they fall.
-_ROUNDS = 3
-_CAUCHY = 2.0
 
 
 class PoseFilter:
@@ -101,13 +84,6 @@ class PoseFilter:
         self._telemetry: Telemetry | None = None
         self._yaw_rate_rad_s = 0.0
         self._box_at_s: float | None = None
-        self._features_at_s: float | None = None
-        self._map = LandmarkMap(_SIZE)
-        # How the state changes when the whole world turns about +Z: no landmark can tell that.
-        self._turning = np.zeros(_SIZE)
-        self._turning[_B] = 1.0
-        # Corners that moved by themselves.
-        self._moving = np.zeros(0, np.int64)
         self._others: tuple[Array, Array] | None = None
         # State and covariance as last asked for; a pose is asked for more often than it changes.
         self._answer: tuple[Array, Array] | None = None
@@ -116,7 +92,6 @@ class PoseFilter:
         self._x[2] = config.start_height_m
         self._x[_B] = start_yaw
         self._x[_T] = self._prior.vector
-        self._turning[_P] = np.cross(_UP, self._x[_P])
         sigmas = np.concatenate(
             [
                 np.full(2, config.start_position_sigma_m),
@@ -194,9 +169,7 @@ class PoseFilter:
         """
         last, self._telemetry, self._yaw_rate_rad_s = self._telemetry, t, 0.0
         self._answer = None
-        self.forget_landmarks()
         self._x[_P] = position
-        self._turning[_P] = np.cross(_UP, position)
         self._cov[_P, _P] += sigma_m**2 * np.eye(3)
         if restarted and last is not None:
             self._x[_B] += last.yaw_rad - t.yaw_rad
@@ -231,17 +204,13 @@ class PoseFilter:
         F[_O, _O] = keep * np.eye(3)
         spread = np.array([config.box_bias_rad, config.box_bias_rad, config.size_bias])
         Q[_O] = (1.0 - keep**2) * spread**2
-        own = slice(0, _SIZE)  # Landmarks stand still.
-        self._cov[own, own] = F @ self._cov[own, own] @ F.T + np.diag(Q)
-        self._cov[own, _SIZE:] = F @ self._cov[own, _SIZE:]
-        self._cov[_SIZE:, own] = self._cov[own, _SIZE:].T
-        self._turning[own] = F @ self._turning[own]
+        self._cov = F @ self._cov @ F.T + np.diag(Q)
 
     # Correction -----------------------------------------------------------------------------
 
     def _correct_height(self, last: Telemetry, t: Telemetry) -> None:
         config = self._config
-        H = np.zeros((1, len(self._x)))
+        H = np.zeros((1, _SIZE))
         H[0, 2] = 1.0
         step_m = t.height_m - last.height_m
         if step_m != 0.0:
@@ -313,7 +282,7 @@ class PoseFilter:
         return np.array([tangents[2, 0], tangents[2, 1], np.log(height)]), variances
 
     def _predict_box(self, at_s: float, seed: SeedGeometry | None) -> tuple[Array, Array] | None:
-        """Return the expected measurement ``(3,)`` and its Jacobian; None if behind."""
+        """Return the expected measurement ``(3,)`` and Jacobian ``(3, 17)``; None if behind."""
         position, R_world_cam = self._pose_at(at_s, self._x)
         R_cam_world = R_world_cam.T
         offset = self._x[13:16] - position
@@ -324,7 +293,7 @@ class PoseFilter:
         if seed is not None:
             expected += view_dependence(seed, -offset)
         by_point = np.array([[1.0, 0.0, -x / z], [0.0, 1.0, -y / z], [0.0, 0.0, -1.0]]) / z
-        H = np.zeros((3, len(self._x)))
+        H = np.zeros((3, _SIZE))
         H[:, 13:16] = by_point @ R_cam_world
         H[:, _P] = -H[:, 13:16]
         H[:, _B] = -by_point @ R_cam_world @ np.cross(_UP, offset)
@@ -341,131 +310,9 @@ class PoseFilter:
         K = solved[:, 1:].T
         self._x = self._x + K @ innovation
         # Joseph's form keeps the covariance symmetric and positive for thousands of corrections.
-        A = np.eye(len(self._x)) - K @ H
+        A = np.eye(_SIZE) - K @ H
         self._cov = A @ self._cov @ A.T + (K * variances) @ K.T
-        self._map.fold(self._x)
         return True
-
-    # Landmarks ------------------------------------------------------------------------------
-
-    def observe_features(self, features: Features) -> None:
-        """Correct the pose by corners of the scene in a picture; one seen before is ignored."""
-        before_s, at_s = self._features_at_s, features.at_s
-        if self._telemetry is None or (before_s is not None and at_s <= before_s):
-            return
-        self._features_at_s = at_s
-        if before_s is not None and at_s - before_s > self._config.landmarks.gap_s:
-            self.forget_landmarks()
-        self._moving = np.intersect1d(self._moving, features.numbers)
-        self._keep_landmarks(np.setdiff1d(features.numbers, self._moving))
-        self._x[_A] = 0.0
-        self._cov[_A, :] = self._cov[:, _A] = 0.0
-        self._cov[_A, _A] = np.diag(self._attitude_sigmas() ** 2)
-        directions = self._intrinsics.directions(features.px)
-        tangents = directions[:, :2] / directions[:, 2:]
-        if len(self._map.numbers):
-            self._correct_by_landmarks(features.numbers, tangents, at_s)
-        self._add_landmarks(features.numbers, directions, at_s)
-        self._answer = None
-
-    def forget_landmarks(self) -> None:
-        """Forget all landmarks; what they have told of the pose stays."""
-        self._keep_landmarks(np.zeros(0, np.int64))
-
-    def _keep_landmarks(self, numbers: NDArray[np.int64]) -> None:
-        rows = self._map.keep(numbers)
-        self._x, self._cov = self._x[rows], self._cov[np.ix_(rows, rows)]
-        self._turning = self._turning[rows]
-
-    def _attitude_sigmas(self) -> Array:
-        config = self._config
-        # Its pose is reported some time before or after the picture.
-        late_rad = abs(self._yaw_rate_rad_s) * config.velocity_lag_s / 2.0
-        lean_rad = config.landmarks.attitude_sigma_rad
-        return np.array([lean_rad, lean_rad, np.hypot(config.yaw_sigma_rad, late_rad)])
-
-    def _correct_by_landmarks(
-        self, numbers: NDArray[np.int64], tangents: Array, at_s: float
-    ) -> None:
-        config = self._config.landmarks
-        position, R_world_cam = self._pose_at(at_s, self._x)
-        expected = self._map.expected(self._x, numbers, position, R_world_cam)
-        count = len(expected.numbers)
-        if not count:
-            return
-        H = expected.by_map
-        H[:, :, _P] = expected.by_position
-        H[:, :, _A] = expected.by_attitude
-        # By how they are believed now, they would seem to tell how the world is turned, and the
-        # filter would grow sure of its heading for no reason: Huang, Mourikis and Roumeliotis,
-        # "Observability-based rules for designing consistent EKF SLAM estimators", IJRR 2010.
-        H[:, :, _B] = -H @ self._turning
-        seen = np.isin(numbers, expected.numbers)
-        innovation = (tangents[seen] - expected.tangents).ravel()
-        H = H.reshape(2 * count, -1)
-        # How far along its way the drone is when the picture is taken is known to a lag.
-        lagging = (expected.by_position @ (self._config.velocity_lag_s * self.velocity())).ravel()
-        sigma_rad = np.hypot(config.sigma_rad, self._yaw_rate_rad_s * config.readout_s)
-        PHt = self._cov @ H.T
-        S = H @ PHt + np.outer(lagging, lagging)
-        # Corners that move by themselves count little: Cauchy's weights, found in a few rounds.
-        shares, off = np.ones(count), np.zeros(count)
-        for _ in range(_ROUNDS):
-            noise = np.repeat(sigma_rad**2 / shares, 2)
-            solved = np.linalg.solve(S + np.diag(noise), innovation)
-            left = (noise * solved).reshape(count, 2)
-            off = (left**2).sum(axis=1) / sigma_rad**2
-            shares = 1.0 / (1.0 + off / _CAUCHY**2)
-        fitting = off < config.outlier_sigmas**2
-        if fitting.mean() < config.inlier_share:
-            self.forget_landmarks()
-            return
-        noise = np.repeat(np.where(fitting, sigma_rad**2 / shares, _IGNORED), 2)
-        S = S + np.diag(noise)
-        K = np.linalg.solve(S, PHt.T).T
-        K[self._map.too_near(self._x, self._cov, position)] = 0.0
-        self._x = self._x + K @ innovation
-        # Joseph's form, as not every number takes its optimal share.
-        KHP = K @ PHt.T
-        self._cov = self._cov - KHP - KHP.T + K @ S @ K.T
-        self._cov = (self._cov + self._cov.T) / 2.0
-        self._map.fold(self._x)
-        self._moving = np.union1d(self._moving, expected.numbers[~fitting])
-        self._keep_landmarks(np.setdiff1d(self._map.numbers, self._moving))
-
-    def _add_landmarks(self, numbers: NDArray[np.int64], directions: Array, at_s: float) -> None:
-        """Make landmarks of corners that are none yet."""
-        config = self._config.landmarks
-        known = self._map.numbers
-        new = np.flatnonzero(~np.isin(numbers, np.append(known, self._moving)))
-        new = new[: config.most - len(known)]
-        if len(new) < config.least_new:
-            return
-        if len(self._map.anchors) >= config.most_anchors:
-            fewest = min(self._map.anchors, key=lambda anchor: len(anchor.numbers))
-            self._keep_landmarks(np.setdiff1d(known, fewest.numbers))
-        position, R_world_cam = self._pose_at(at_s, self._x)
-        R_world_cam = rotation_about(self._x[_A]) @ R_world_cam
-        self._map.add(R_world_cam, numbers[new], directions[new])
-        size, added = len(self._x), 6 + len(new)
-        J = np.zeros((6, size))
-        J[0:3, _P] = J[3:6, _A] = np.eye(3)
-        J[5, _B] = 1.0
-        cov = np.zeros((size + added, size + added))
-        cov[:size, :size] = self._cov
-        cov[size : size + 6, :size] = J @ self._cov
-        cov[:size, size : size + 6] = self._cov @ J.T
-        ahead = self._config.velocity_lag_s * self.velocity()
-        cov[size : size + 6, size : size + 6] = J @ self._cov @ J.T
-        cov[size : size + 3, size : size + 3] += np.outer(ahead, ahead)
-        rho = slice(size + 6, size + added)
-        # A room is large or small as a whole: its corners' distances are wrong together.
-        each, all_together = config.inverse_distance_sigma, config.inverse_scene_sigma
-        cov[rho, rho] = each**2 * np.eye(len(new)) + all_together**2
-        x = np.concatenate([position, np.zeros(3), np.full(len(new), config.inverse_distance)])
-        turning = np.concatenate([self._turning[_P], _UP, np.zeros(len(new))])
-        self._x, self._cov = np.concatenate([self._x, x]), cov
-        self._turning = np.concatenate([self._turning, turning])
 
     # Answers --------------------------------------------------------------------------------
 
@@ -534,14 +381,13 @@ class PoseFilter:
 
     def _condition(self) -> tuple[Array, Array]:
         if self._others is None:
-            return self._x[:_SIZE].copy(), self._cov[:_SIZE, :_SIZE]
+            return self._x.copy(), self._cov
         information, weighted = self._others
-        own, cov_own = self._x[:_SIZE], self._cov[:_SIZE, :_SIZE]
-        cov_t = cov_own[_T, _T]
+        cov_t = self._cov[_T, _T]
         # t given both: (C^-1 + I)^-1 = C - C I (1 + C I)^-1 C, which needs no inverse of I.
-        gain = cov_own[:, _T] @ np.linalg.inv(np.eye(4) + information @ cov_t)
-        x = own + gain @ (weighted - information @ own[_T])
-        cov = cov_own - gain @ information @ cov_own[_T, :]
+        gain = self._cov[:, _T] @ np.linalg.inv(np.eye(4) + information @ cov_t)
+        x = self._x + gain @ (weighted - information @ self._x[_T])
+        cov = self._cov - gain @ information @ self._cov[_T, :]
         return x, (cov + cov.T) / 2.0
 
 

@@ -14,6 +14,7 @@ import pytest
 from server.bench.missions.virtual_sight import FPS, SightErrors, VirtualEye
 from server.geometry.cameras import TELLO_INTRINSICS
 from server.geometry.poses import look_at
+from server.stages import Frame
 
 CENTRE = np.array([0.0, 0.0, 0.45])
 HALF = np.array([0.3, 0.3, 0.45])
@@ -31,9 +32,10 @@ def watched(errors: SightErrors) -> np.ndarray:
     eye = VirtualEye(nobody, camera, CORNERS, errors, np.random.default_rng(5))
     pixels, _ = TELLO_INTRINSICS.project(CORNERS, T)
     lower, upper = pixels.min(axis=0), pixels.max(axis=0)
+    frame = Frame("d", 0, 0.0, np.zeros((2, 2, 3), np.uint8), damaged=False)
     found = []
     for _ in range(int(HOURS * 3600 * FPS)):
-        _, box = eye._searched(T)
+        _, box = eye._look(frame)
         if box is None:
             found.append([np.nan] * 3)
             continue

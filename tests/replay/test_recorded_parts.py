@@ -55,7 +55,7 @@ class Rig:
         configs = [DroneConfig(id=d, azimuth_deg=a) for d, a in AZIMUTHS_DEG.items()]
         drones = {config.id: RecordedDrone(config, activity="flying") for config in configs}
         self.fleet = RecordedFleet(StartCircle(1.8), drones)
-        self.eyes = {c.id: RecordedEye(c, CONFIG.vision, 0.0) for c in configs}
+        self.eyes = {c.id: RecordedEye(c, CONFIG.vision.region, 0.0) for c in configs}
         self.events = HeardEvents()
         self.pilot = Pilot(cast("Fleet", self.fleet), dict(self.eyes), CONFIG, self.events)
 

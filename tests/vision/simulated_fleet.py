@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from server.bench.missions.virtual_corners import VirtualCorners
 from server.geometry.axes import wrap_angle
 from server.geometry.poses import yaw_of_camera
 from server.sim.camera import true_intrinsics
@@ -24,7 +23,7 @@ from server.vision.config import LocalizationConfig
 from server.vision.localization import PoseFilter
 from server.vision.target import TargetEstimate, TargetEstimator
 
-STEP_S, REPORT_STEPS, PICTURE_STEPS, CORNER_STEPS = 0.02, 5, 8, 5
+STEP_S, REPORT_STEPS, PICTURE_STEPS = 0.02, 5, 8
 CAMERA = CameraConfig()
 RADIUS_M, HEIGHT_M = 1.8, 0.9
 
@@ -39,7 +38,6 @@ class Flier:
     box_bias: np.ndarray
     rng: np.random.Generator
     seed: int
-    corners: VirtualCorners
 
     def steer(self, wanted_world: np.ndarray, yaw_rate_rad_s: float) -> None:
         """Set the sticks for about a velocity and a turn."""
@@ -97,7 +95,6 @@ def fly(
     config: LocalizationConfig | None = None,
     dynamics: DynamicsConfig | None = None,
     worst_start: bool = False,
-    corners: bool = False,
 ) -> Flown:
     """Take off, then step along the circle facing the object, as rounds of a capture do.
 
@@ -109,7 +106,6 @@ def fly(
         dynamics: The airframes'.
         worst_start: Each drone stands 20 cm off, turned by 15 degrees; else at random as the
             filter believes it.
-        corners: Whether corners of the room are followed.
     """
     config = config or LocalizationConfig()
     rng = np.random.default_rng(seed)
@@ -133,10 +129,6 @@ def fly(
                 flier.report(now_s)
             if (step + number) % PICTURE_STEPS == 0 and now_s > 4.0:
                 _look(flier, target, now_s, config, estimator)
-            if corners and (step + 2 * number) % CORNER_STEPS == 0 and now_s > 4.0:
-                lens = true_intrinsics(CAMERA, flier.seed, flier.lens_index)
-                seen = flier.corners.seen(flier.body.T_world_cam(), lens, now_s)
-                flier.filter.observe_features(seen)
         if step % 50 == 0 and now_s > 6.0:
             judged = [_judge(flier, now_s) for flier in fleet]
             errors += [error for error, _ in judged]
@@ -178,15 +170,7 @@ def _flier(
         f"drone-{k + 1}", nominal, azimuth + np.pi, config, CAMERA.calibrated, float(tilt)
     )
     spread = np.array([config.box_bias_rad, config.box_bias_rad, config.size_bias])
-    return Flier(
-        body,
-        believed,
-        k,
-        spread * rng.standard_normal(3),
-        rng,
-        seed,
-        VirtualCorners(np.random.default_rng([seed, k, 7])),
-    )
+    return Flier(body, believed, k, spread * rng.standard_normal(3), rng, seed)
 
 
 def _autopilot(flier: Flier, target: np.ndarray, now_s: float) -> None:

@@ -1,21 +1,18 @@
 """Pose filters on forward-simulated flights: known truth in, estimate and covariance judged."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 from simulated_fleet import fly
 
-from server.bench.missions.virtual_corners import VirtualCorners
 from server.geometry.axes import wrap_angle
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
-from server.geometry.poses import camera_pose, look_at
+from server.geometry.poses import look_at
 from server.stages import Box, SeedGeometry, Telemetry
 from server.vision.config import LocalizationConfig
-from server.vision.features import Features
 from server.vision.localization import PoseFilter
 from server.vision.target import TargetEstimate, TargetEstimator, prior_target
 from server.vision.view_dependence import view_dependence
@@ -38,57 +35,6 @@ def test_the_covariance_is_honest() -> None:
     for flown in flights:
         off = flown.target.centre - flown.true_target[:3]
         assert off @ np.linalg.solve(flown.target.covariance[:3, :3], off) < chi2.ppf(0.9999, 3)
-
-
-@pytest.mark.slow
-def test_corners_of_the_room_make_poses_better_and_the_covariance_stays_honest() -> None:
-    """What drones believe of their start is nearly right, so that drifting is what is left."""
-    config = replace(CONFIG, start_position_sigma_m=0.03, start_yaw_sigma_rad=0.03)
-    rms_m, nees = {}, {}
-    for corners in (False, True):
-        flights = [fly(seed, seconds=60.0, config=config, corners=corners) for seed in range(3)]
-        errors = np.concatenate([flown.errors for flown in flights])
-        rms_m[corners] = np.sqrt((errors[:, :3] ** 2).sum(axis=1).mean())
-        nees[corners] = np.concatenate([flown.nees for flown in flights]).mean()
-    assert rms_m[True] < 0.8 * rms_m[False]
-    assert nees[True] < 4.5
-
-
-def test_a_drone_that_hovers_unfelt_sees_by_corners_that_it_drifts() -> None:
-    """Speeds below the step of the reports: only the room tells that it has moved."""
-    pose_filter, t = resting_filter()
-    at = np.array([1.8, 0.0, 0.9])
-    pose_filter.resume(later(t, 0.0, height_m=0.8, tof_m=0.9), at, 0.01)
-    room = VirtualCorners(np.random.default_rng(3))
-    moved = np.zeros(3)
-    for k in range(1, 301):
-        at_s, moved = 0.1 * k, np.array([0.0, 0.003 * min(k, 100), 0.0])
-        pose_filter.observe_telemetry(later(t, at_s, height_m=0.8, tof_m=0.9))
-        T = pose_filter.pose(at_s).T_world_cam.copy()
-        T[:3, 3] = at + moved
-        T[:3, :3] = camera_pose(at, np.pi, TELLO_TILT_RAD)[:3, :3]
-        pose_filter.observe_features(room.seen(T, TELLO_INTRINSICS, at_s))
-    off = pose_filter.pose(30.0).position_world - (at + moved)
-    # It went 30 cm. How far exactly, corners at unknown distances cannot tell.
-    assert np.linalg.norm(off) < 0.22
-    assert pose_filter.pose(30.0).position_sigma_m < 0.15
-
-
-def test_corners_that_move_by_themselves_move_nobody() -> None:
-    """A quarter of all corners is on somebody who walks past."""
-    pose_filter, t = resting_filter()
-    at = np.array([1.8, 0.0, 0.9])
-    pose_filter.resume(later(t, 0.0, height_m=0.8, tof_m=0.9), at, 0.01)
-    room = VirtualCorners(np.random.default_rng(4))
-    T = camera_pose(at, np.pi, TELLO_TILT_RAD)
-    for k in range(1, 60):
-        at_s = 0.1 * k
-        pose_filter.observe_telemetry(later(t, at_s, height_m=0.8, tof_m=0.9))
-        seen = room.seen(T, TELLO_INTRINSICS, at_s)
-        walker = seen.numbers % 4 == 0
-        px = seen.px + np.outer(walker, [15.0 * max(0, k - 20), 0.0])
-        pose_filter.observe_features(Features(at_s, seen.numbers, px))
-    assert np.linalg.norm(pose_filter.pose(6.0).position_world - at) < 0.05
 
 
 @pytest.mark.slow

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from server.bench.missions.virtual_corners import VirtualCorners
 from server.geometry.cameras import Intrinsics
 from server.mission.events import FrameAnnotated
 from server.mission.eyes import Sight
@@ -151,9 +150,8 @@ class VirtualEye:
         self._points = object_points
         self._errors = errors
         self._rng = rng
-        # Of their own, so that the other errors of a seed do not depend on them.
-        self._extents, corners = rng.spawn(2)
-        self._corners = VirtualCorners(corners)
+        # Of its own, so that the other errors of a seed do not depend on it.
+        self._extents = rng.spawn(1)[0]
         self._bias = errors.bias_px * rng.standard_normal(2)
         self._extent = self._drawn_extent()
 
@@ -169,18 +167,14 @@ class VirtualEye:
         while True:
             frame = await self._drone.next_frame(sequence)
             sequence = frame.sequence
-            self.sight = Sight(frame, None, None) if frame.damaged else self._look(frame)
+            region, box = None, None
+            if not frame.damaged:
+                region, box = self._look(frame)
+            self.sight = Sight(frame, region, box)
 
-    def _look(self, frame: Frame) -> Sight:
+    def _look(self, frame: Frame) -> tuple[Region | None, Box | None]:
         number = int.from_bytes(frame.image_bgr.tobytes()[:4])
         T_world_cam = self._camera.pose_of(number)
-        features = None
-        if T_world_cam is not None:
-            features = self._corners.seen(T_world_cam, self._camera.lens, frame.captured_s)
-        region, box = self._searched(T_world_cam)
-        return Sight(frame, region, box, features)
-
-    def _searched(self, T_world_cam: Array | None) -> tuple[Region | None, Box | None]:
         errors, rng = self._errors, self._rng
         keep = np.exp(-1.0 / (FPS * errors.bias_s))
         kick = errors.bias_px * np.sqrt(1.0 - keep * keep)
