@@ -119,6 +119,7 @@ async def _demo(arguments: argparse.Namespace) -> int:
         simulator = await stack.enter_async_context(simulated_fleet(wanted))
         fleet_config = simulator.fleet
         book = JobBook(await stack.enter_async_context(job_runner(settings)))
+        stack.push_async_callback(book.close)  # After the landing: a training may take its time.
         control, fleet = await stack.enter_async_context(flying(settings, fleet_config, book))
         if sock is not None:
             address = await stack.enter_async_context(console(settings, control, fleet, sock, book))
@@ -180,6 +181,7 @@ async def _serve(arguments: argparse.Namespace, settings: Settings) -> int:
             )
             fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
         book = JobBook(await stack.enter_async_context(job_runner(settings)))
+        stack.push_async_callback(book.close)  # After the landing: a training may take its time.
         control, fleet = await stack.enter_async_context(flying(settings, fleet_config, book))
         address = await stack.enter_async_context(console(settings, control, fleet, sock, book))
         print(f"The console is at {address}", file=sys.stderr, flush=True)

@@ -91,10 +91,14 @@ class JobBook:
 
     async def adopt(self, folder: Path) -> Job | None:
         """Return the job that an earlier console left in ``folder``, None when there is none."""
+        try:
+            spec = JobSpec.read(folder)
+        except ValueError:
+            return None  # Nothing was ever handed in here.
         job = await self._runner.adopt(folder)
         if job is None:
             return None
-        job_id = self._enter(JobSpec.read(folder), _run_of(folder))
+        job_id = self._enter(spec, _run_of(folder))
         self._jobs[job_id] = job
         self._change(job_id, state="running")
         return _Kept(self, job_id, job)
@@ -125,9 +129,11 @@ class JobBook:
 
     async def close(self) -> None:
         """End all jobs that were asked for; those of a mission are the mission's own to end."""
-        for job_id, task in list(self._waiting.items()):
+        tasks = list(self._waiting.values())
+        # The one that runs comes last, or its end would let the next one begin.
+        for job_id in reversed(list(self._waiting)):
             await self.cancel(job_id)
-            await asyncio.wait([task])
+        await asyncio.gather(*tasks)
 
     async def _start(self, job_id: str, spec: JobSpec, folder: Path) -> _Kept:
         try:
@@ -174,7 +180,7 @@ class JobBook:
         self._records[job_id] = JobRecord(
             job_id, spec.kind, "queued", "", 0.0, str(run), None, now, now
         )
-        for old in [r.id for r in self._records.values() if r.over][: -_MOST_KEPT or None]:
+        for old in [r.id for r in self._records.values() if r.over][:-_MOST_KEPT]:
             del self._records[old]
         return job_id
 

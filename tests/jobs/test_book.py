@@ -1,13 +1,15 @@
-"""Jobs that an earlier console left are in the book like those handed in here."""
+"""The book of jobs: what an earlier console left is in it, too; at the end nothing is begun."""
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from server.jobs.book import JobBook
 from server.jobs.spec import JobSpec
+from tests.api.fake_jobs import FakeRunner
 
 
 class _LeftJob:
@@ -48,3 +50,25 @@ async def test_a_job_that_was_left_is_in_the_book_until_its_end(tmp_path: Path) 
     assert [event["event"] async for event in job.events()] == ["done"]
     (record,) = book.jobs()
     assert (record.state, record.result) == ("succeeded", {"psnr_db": 20.0})
+
+
+async def test_a_folder_without_a_job_has_none_to_adopt(tmp_path: Path) -> None:
+    (tmp_path / "spec.json").write_text("no job")
+    assert await JobBook(_OneLeft(tmp_path)).adopt(tmp_path) is None
+
+
+async def test_closing_ends_the_job_that_runs_and_begins_none_of_those_that_wait(
+    tmp_path: Path,
+) -> None:
+    runner = FakeRunner()
+    book = JobBook(runner)
+    for number in range(3):
+        folder = tmp_path / str(number)
+        book.request(JobSpec("reconstruct", {}), folder, folder)
+    async with asyncio.timeout(10.0):
+        for _ in range(20):  # The first one gets its turn.
+            await asyncio.sleep(0)
+        assert len(runner.jobs) == 1
+        await book.close()
+    assert [job.cancelled for job in runner.jobs] == [1]
+    assert [record.state for record in book.jobs()] == ["cancelled"] * 3
