@@ -53,6 +53,22 @@ async def test_a_key_under_way_is_refused_and_a_refusal_is_not_kept(console: Con
         assert (await client.post(CAPTURES, headers=later)).status_code == 202
 
 
+async def test_stops_are_carried_out_each_time_whatever_key_they_carry(console: Console) -> None:
+    drone = "/api/v1/drones/drone-2/commands"
+    too_long = {"Idempotency-Key": "x" * 300}
+    async with console.client() as client:
+        for headers in (KEY, KEY, too_long):
+            answers = [
+                await client.post("/api/v1/fleet/hold", headers=headers),
+                await client.post(drone, json={"command": "land"}, headers=headers),
+                await client.post(drone, json={"command": "cut_motors"}, headers=headers),
+            ]
+            assert [answer.status_code for answer in answers] == [202, 202, 202]
+            assert not any("idempotency-replayed" in answer.headers for answer in answers)
+    once = [("hold", None), ("land", "drone-2"), ("cut_motors", "drone-2")]
+    assert console.stops.calls == 3 * once
+
+
 async def all_pages(client: httpx.AsyncClient, path: str, **query: str | int) -> list[list[str]]:
     pages = []
     answer = await client.get(path, params=query)
