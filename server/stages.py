@@ -10,6 +10,7 @@ clock of this process unless said otherwise.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -198,7 +199,9 @@ class CameraPose:
     @property
     def position_sigma_m(self) -> float:
         """Root of the mean position variance, metres."""
-        return float(np.sqrt(np.trace(self.covariance[:3, :3]) / 3.0))
+        # Plain arithmetic: this is asked for tens of times per picture.
+        variances = self.covariance.diagonal()[:3].tolist()
+        return math.sqrt(sum(variances) / 3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

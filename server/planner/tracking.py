@@ -197,7 +197,7 @@ def fly_to(pose: CameraPose, viewpoint: Viewpoint, config: TrackingConfig) -> tu
 def yaw_rate_to(yaw_rad: float, wanted_rad: float, config: TrackingConfig) -> float:
     """Return the yaw rate in rad/s that turns the shorter way from one heading to another."""
     rate = config.yaw.p * wrap_angle(wanted_rad - yaw_rad)
-    return float(np.clip(rate, -config.yaw_rate_max_rad_s, config.yaw_rate_max_rad_s))
+    return min(max(rate, -config.yaw_rate_max_rad_s), config.yaw_rate_max_rad_s)
 
 
 class _Pid:

@@ -66,7 +66,7 @@ def past_limit(position: Array, target: Box3 | None, config: SafetyConfig) -> bo
 def _distances_m(points: Array, target: Box3, axes: int = 3) -> Array:
     """Return the distances to the object, reaching down without end, or along the first axes."""
     down = np.array([*target.lower[:2], -np.inf])
-    away = points - np.clip(points, down, target.upper)
+    away = points - np.minimum(np.maximum(points, down), target.upper)
     return np.sqrt((away[..., :axes] ** 2).sum(axis=-1))
 
 
@@ -116,4 +116,4 @@ def _share_inside(place: Array, moved: Array, config: SafetyConfig) -> float:
     half_b = moved @ place
     c = min(float(place @ place) - reach_m**2, 0.0)
     shares = (-half_b + np.sqrt(half_b**2 - a * c)) / np.maximum(a, 1e-12)
-    return float(np.clip(shares.min(), 0.0, 1.0))
+    return min(max(float(shares.min()), 0.0), 1.0)

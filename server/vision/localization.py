@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 _P, _B, _D, _S, _E, _F = slice(0, 3), 3, 4, 5, slice(6, 9), 9
 _O, _T = slice(10, 13), slice(13, 17)
 _SIZE = 17
+_AXES = np.arange(3)
 # Reported heights come in steps of this size, metres; a larger change hides the way between.
 _HEIGHT_STEP_M = 0.11
 # A standard deviation so large that the measurement changes nothing.
@@ -85,8 +86,9 @@ class PoseFilter:
         self._yaw_rate_rad_s = 0.0
         self._box_at_s: float | None = None
         self._others: tuple[Array, Array] | None = None
-        # State and covariance as last asked for; a pose is asked for more often than it changes.
+        # Answers as last given; a pose is asked for more often than it changes.
         self._answer: tuple[Array, Array] | None = None
+        self._pose: CameraPose | None = None
         self._x = np.zeros(_SIZE)
         self._x[0:2] = np.asarray(start_position, float)[:2]
         self._x[2] = config.start_height_m
@@ -114,7 +116,7 @@ class PoseFilter:
         """
         self._prior = prior
         self._others = None
-        self._answer = None
+        self._forget_answers()
         spread = np.array([self._config.box_bias_rad, self._config.box_bias_rad])
         for part, mean, cov in (
             (_O, np.zeros(3), np.diag(np.append(spread, self._config.size_bias) ** 2)),
@@ -135,7 +137,8 @@ class PoseFilter:
             felt: False when its velocity was not measured but is what the drone was told: it has
                 lost its hold on the floor and drifts.
         """
-        last, self._answer = self._telemetry, None
+        last = self._telemetry
+        self._forget_answers()
         if last is None:
             # The first report fixes what the reported yaw is counted from.
             self._x[_B] = self._start_yaw - t.yaw_rad
@@ -168,7 +171,7 @@ class PoseFilter:
             restarted: True when it was off meanwhile: it counts its yaw anew.
         """
         last, self._telemetry, self._yaw_rate_rad_s = self._telemetry, t, 0.0
-        self._answer = None
+        self._forget_answers()
         self._x[_P] = position
         self._cov[_P, _P] += sigma_m**2 * np.eye(3)
         if restarted and last is not None:
@@ -240,7 +243,7 @@ class PoseFilter:
                 (``TargetEstimator.estimate(excluding=drone_id)``), None to keep the last.
             seed: The object's geometry, None while it is not known.
         """
-        self._answer = None
+        self._forget_answers()
         if target is not None:
             self._others = self._likelihood_of_others(target)
         if self._telemetry is None or (self._box_at_s is not None and at_s <= self._box_at_s):
@@ -322,17 +325,21 @@ class PoseFilter:
 
     def pose(self, now_s: float) -> CameraPose:
         """Return the believed camera pose at ``now_s``, with what the other drones know used."""
+        if self._pose is not None and self._pose.at_s == now_s:
+            return self._pose
         x, cov = self._conditioned()
         position, R_world_cam = self._pose_at(now_s, x)
         dt_s = self._offset_s(now_s)
         covariance = cov[:4, :4].copy()
         velocity = self.velocity()
         drift = (self._config.velocity_sigma_m_s * dt_s) ** 2
-        covariance[:3, :3] += drift * np.eye(3)
+        covariance[_AXES, _AXES] += drift
         # What it reports lags behind, so it is ahead along its way, by nobody knows how much.
         covariance[:3, :3] += self._config.velocity_lag_s**2 * np.outer(velocity, velocity)
         covariance[3, 3] += self._config.yaw_sigma_rad**2
-        return CameraPose(self.drone_id, now_s, transform_from(R_world_cam, position), covariance)
+        T_world_cam = transform_from(R_world_cam, position)
+        self._pose = CameraPose(self.drone_id, now_s, T_world_cam, covariance)
+        return self._pose
 
     def velocity(self) -> Array:
         """Return the believed velocity ``(3,)``, world m/s: the reported one less its error."""
@@ -345,7 +352,7 @@ class PoseFilter:
     def _offset_s(self, at_s: float) -> float:
         limit = self._config.max_extrapolation_s
         newest = at_s if self._telemetry is None else self._telemetry.received_s
-        return float(np.clip(at_s - newest, -limit, limit))
+        return min(max(at_s - newest, -limit), limit)
 
     def _pose_at(self, at_s: float, x: Array) -> tuple[Array, Array]:
         """Return camera centre ``(3,)`` and ``R_world_cam`` of state ``x`` carried to ``at_s``."""
@@ -372,6 +379,9 @@ class PoseFilter:
             information - information0,
             information @ target.vector - information0 @ self._prior.vector,
         )
+
+    def _forget_answers(self) -> None:
+        self._answer = self._pose = None
 
     def _conditioned(self) -> tuple[Array, Array]:
         """Return state and covariance given also what the others know of the object."""

@@ -34,7 +34,7 @@ class TargetEstimate:
     @property
     def vector(self) -> Array:
         """The estimate as ``(4,)``: x, y, z, log height."""
-        return np.append(self.centre, np.log(self.height_m))
+        return np.array([*self.centre, np.log(self.height_m)])
 
     @property
     def sigma_m(self) -> float:
@@ -71,21 +71,22 @@ class TargetEstimator:
     def __init__(self, config: LocalizationConfig, prior: TargetEstimate | None = None) -> None:
         """Begin with ``prior``, which every filter must begin with too; None: the config's."""
         self._prior = prior_target(config) if prior is None else prior
-        self._beliefs: dict[str, TargetEstimate] = {}
+        # As information, whose sum is what they know together: inverted once, asked for often.
+        self._information = np.linalg.inv(self._prior.covariance)
+        self._weighted = self._information @ self._prior.vector
+        self._own: dict[str, tuple[Array, Array]] = {}
 
     def observe(self, drone_id: str, belief: TargetEstimate) -> None:
         """Take the newest belief of ``drone_id`` (``PoseFilter.target_belief``)."""
-        self._beliefs[drone_id] = belief
+        own = np.linalg.inv(belief.covariance)
+        self._own[drone_id] = own - self._information, own @ belief.vector - self._weighted
 
     def estimate(self, excluding: str | None = None) -> TargetEstimate:
         """Return what all drones, or all but ``excluding``, know together."""
-        information0 = np.linalg.inv(self._prior.covariance)
-        information = information0.copy()
-        weighted = information0 @ self._prior.vector
-        for drone_id, belief in self._beliefs.items():
+        information, weighted = self._information.copy(), self._weighted.copy()
+        for drone_id, (own, own_weighted) in self._own.items():
             if drone_id != excluding:
-                own = np.linalg.inv(belief.covariance)
-                information += own - information0
-                weighted += own @ belief.vector - information0 @ self._prior.vector
+                information += own
+                weighted += own_weighted
         covariance = np.linalg.inv(information)
         return estimate_from(covariance @ weighted, (covariance + covariance.T) / 2.0)
