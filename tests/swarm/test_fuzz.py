@@ -157,7 +157,7 @@ def bounded(before: int) -> None:
 
 
 # About 7000 datagrams a second on an idle core.
-patient = pytest.mark.timeout(120 + COUNT // 500)
+patient = pytest.mark.timeout(120 + COUNT // 100)
 
 needs_proc = pytest.mark.skipif(
     not Path("/proc/self/statm").exists(), reason="memory is measured by /proc"
