@@ -1,6 +1,6 @@
 import type { CaptureReport } from "../protocol/messages.gen";
 import { BASE } from "./base";
-import { request, requestText } from "./request";
+import { request, requestAll, requestText } from "./request";
 
 /** A capture as the library lists it. */
 export interface CaptureEntry {
@@ -44,13 +44,13 @@ export interface Artifact {
 
 /** All captures, newest first. @throws RequestError */
 export async function getCaptures(): Promise<readonly CaptureEntry[]> {
-  return (await request("GET", "/captures")) as readonly CaptureEntry[];
+  return (await requestAll("/captures")) as readonly CaptureEntry[];
 }
 
 /** The files of a capture. @throws RequestError */
 export async function getArtifacts(captureId: string): Promise<readonly Artifact[]> {
   const query = new URLSearchParams({ capture: captureId });
-  return (await request("GET", `/artifacts?${query.toString()}`)) as readonly Artifact[];
+  return (await requestAll(`/artifacts?${query.toString()}`)) as readonly Artifact[];
 }
 
 /** @throws RequestError also where the run has no such file. */

@@ -14,6 +14,7 @@ export class RequestError extends Error {
   }
 }
 
+const MOST_PAGES = 1000;
 const ROOT = `${BASE}/api/v1`;
 
 /**
@@ -29,6 +30,31 @@ export async function request(
 ): Promise<unknown> {
   const text = await textOf(await answer(method, path, body, timeoutMs));
   return text === "" ? undefined : readJson(text);
+}
+
+/**
+ * Ask for a list page by page, as the header `Link` tells, and return all of it.
+ *
+ * @throws RequestError as `request` does, and when pages never end.
+ */
+export async function requestAll(path: string): Promise<readonly unknown[]> {
+  const items: unknown[] = [];
+  let next: string | null = path;
+  for (let pages = 0; next !== null; pages++) {
+    if (pages === MOST_PAGES) throw new RequestError(words.request.endless, null);
+    const response: Response = await answer("GET", next, undefined, 10_000);
+    items.push(...(readJson(await textOf(response)) as readonly unknown[]));
+    next = nextPage(path, response.headers.get("Link"));
+  }
+  return items;
+}
+
+/** The path of the page that a header `Link` (RFC 8288) names next; null on the last page. */
+export function nextPage(path: string, link: string | null): string | null {
+  const target = /<([^>]*)>\s*;\s*rel="?next"?/.exec(link ?? "")?.[1];
+  if (target === undefined) return null;
+  // A proxy may serve us below a path that the target does not have: only what it asks for counts.
+  return `${path.split("?")[0] ?? path}?${target.split("?")[1] ?? ""}`;
 }
 
 /** Ask for a text. @throws RequestError as `request` does. */

@@ -49,7 +49,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
         ) : view === REPLAY ? (
           <ReplayPanel key={first.id} entry={first} />
         ) : second === undefined ? (
-          <RunPanel key={first.id} entry={first} onDeleted={again} />
+          <RunPanel key={first.id} entry={first} onChanged={again} />
         ) : (
           <ComparePanel key={`${first.id} ${second.id}`} a={first} b={second} />
         )}

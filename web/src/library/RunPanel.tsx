@@ -16,8 +16,11 @@ import { filesByFolder, flightSeconds } from "./run";
 import { RunFilm } from "./RunFilm";
 import { RunPicture } from "./RunPicture";
 
+/** How captures end whose training the console can go on with. */
+const CUT_OFF: readonly CaptureEntry["state"][] = ["interrupted", "aborted", "failed"];
+
 /** One capture: its rendering, its figures, its files, and what can be done with it. */
-export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; readonly onDeleted: () => void }) {
+export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; readonly onChanged: () => void }) {
   const operator = useOperator();
   const { value: files, error } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
   const text = words.library;
@@ -42,6 +45,22 @@ export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; r
         {files !== null && <Files files={files} />}
         {!isActiveState(entry.state) && (
           <div className="run-actions">
+            {CUT_OFF.includes(entry.state) && entry.images > 0 && (
+              <button
+                type="button"
+                className="button"
+                data-testid="resume-capture"
+                title={text.resumeHint}
+                onClick={() => {
+                  void operator.changeCapture(entry.id, "resume").then((done) => {
+                    if (done) onChanged();
+                  });
+                }}
+              >
+                <Icon name="play" />
+                {text.resume}
+              </button>
+            )}
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"
@@ -61,7 +80,7 @@ export function RunPanel({ entry, onDeleted }: { readonly entry: CaptureEntry; r
                 void operator.deleteCapture(entry.id).then((done) => {
                   if (!done) return;
                   location.hash = hashOfScreen("library");
-                  onDeleted();
+                  onChanged();
                 });
               }}
             />

@@ -143,7 +143,7 @@ export function LossChart({ series }: { readonly series: QualitySeries }) {
           series: [
             {},
             {
-              stroke: theme.colour("--plot-held-out"),
+              stroke: theme.colour("--plot-train"),
               width: 1.5,
               spanGaps: true,
               points: { show: false },
