@@ -95,12 +95,10 @@ class SeedConfig:
         fade_share: Farther out a view's vote fades to nothing within this share of its box's
             larger side.
         least_agreement: Fewest votes of the regions' shapes ever asked for, as a share.
-        explained: Share of the views' boxes that the boxes must account for; until then fewer
-            votes are asked for.
         least_piece: Loose pieces below this share of the largest are dropped.
         least_saved: A cut must free this share of the object's volume.
         voxels: Cells along each axis of the carved space.
-        margin_m: Every outer face is moved outwards by this much, metres.
+        margin_m: The faces of the outer box are moved outwards by this much, metres.
         min_size_m: Smallest edge of any box, metres.
         max_miss_m: Largest median distance between the views' rays and their common centre, metres;
             beyond it the views do not look at the same thing.
@@ -117,7 +115,6 @@ class SeedConfig:
     tolerance_px: float = 4.0
     fade_share: float = 0.1
     least_agreement: float = 0.5
-    explained: float = 0.9
     least_piece: float = 0.05
     least_saved: float = 0.01
     voxels: int = 40
@@ -129,7 +126,7 @@ class SeedConfig:
         _require_positive(self)
         _require(self.min_views >= 2, "min_views", "must be at least 2")
         _require(self.pair_min_rad < 1.5707, "pair_min_rad", "must be below a right angle")
-        for name in ("agreement", "least_agreement", "explained", "least_piece", "least_saved"):
+        for name in ("agreement", "least_agreement", "least_piece", "least_saved"):
             _require(getattr(self, name) <= 1.0, name, "must be at most 1")
         _require(self.shape_doubt < 1.0, "shape_doubt", "must be below 1")
         _require(self.voxels >= self.slices, "voxels", "must be at least slices")

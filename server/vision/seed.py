@@ -11,9 +11,9 @@ and degrees, so a plain intersection may be empty. Three things keep it sound:
 
 First the boxes vote, which gives the outer box; then, inside it, the regions' shapes vote
 (``server.vision.seed_carving``), and what they keep is cut into boxes where the cuts leave the
-least empty space (``server.vision.seed_boxes``). Nearly all views must hold a place, which removes
-what one of them took along; when that leaves less than the views' boxes show, because one of them
-lost a part or poses are wrong, fewer votes are asked for. Later views vote along with the first.
+least empty space (``server.vision.seed_boxes``). How many votes a place needs is chosen by what the views show:
+nearly all of them remove what one took along, fewer keep what one lost or a wrong pose moved, and
+the boxes whose silhouettes match the regions best are taken. Later views vote along with the first.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -36,6 +37,8 @@ Array = NDArray[np.float64]
 
 # Votes asked for are lowered in steps of this share of the views.
 _STEP = 0.05
+# Corners are drawn no farther outside of a picture, mask pixels.
+_FAR_PX = 4000.0
 
 
 class SeedError(ValueError):
@@ -206,9 +209,9 @@ def _boxes(
 ) -> tuple[tuple[Box3, ...], tuple[float, ...]]:
     """Return the boxes, lowest first, and per box how surely the object fills it.
 
-    They are of the strictest vote that still explains what the views show.
+    They are of the vote whose boxes look most like what the views show; of equals the strictest.
     """
-    best_share, boxes, blocks = 0.0, (), []
+    best_match, boxes, blocks = 0.0, (), []
     strictest = 1.0 - config.shape_doubt / np.sqrt(len(views))
     levels = np.arange(strictest, config.least_agreement - 1e-9, -_STEP)
     for agreement in levels:
@@ -217,37 +220,38 @@ def _boxes(
         if not tried:
             continue
         fitted = tuple(_box(carving, block, config) for block in tried)
-        share = explained_share(views, fitted)
-        if share > best_share:
-            best_share, boxes, blocks = share, fitted, tried
-        if share >= config.explained:
-            break
+        match = silhouette_match(views, fitted)
+        if match > best_match:
+            best_match, boxes, blocks = match, fitted, tried
     return boxes, tuple(float(np.mean(block.of(carving.shares))) for block in blocks)
 
 
 def _box(carving: Carving, block: Block, config: SeedConfig) -> Box3:
-    box = _no_thinner(carving.bounds(block.first, block.end), config).grown(config.margin_m)
-    return _clipped(box, carving.space)
+    return _clipped(_no_thinner(carving.bounds(block.first, block.end), config), carving.space)
 
 
-def explained_share(views: Sequence[View], boxes: Sequence[Box3]) -> float:
-    """Return how much of the views' boxes a union of 3D boxes accounts for, 0 to 1.
+def silhouette_match(views: Sequence[View], boxes: Sequence[Box3]) -> float:
+    """Return how much a union of 3D boxes looks like the regions, 0 to 1.
 
-    Per view, the smaller of the covered shares of its box's width and height; of these the median,
-    so that one view that took a shadow along asks for nothing.
+    Per view, the IoU of the boxes' silhouette with the region's mask: what a region took along
+    counts as much as what it lost. Of these the median, so that one bad view asks for nothing.
     """
-    corners = np.concatenate([box.corners for box in boxes])
-    shares = []
+    matches = []
     for view in views:
-        pixels, depths = view.intrinsics.project(corners, view.pose.T_world_cam)
+        mask = view.region.mask
+        silhouette = np.zeros(mask.shape, np.uint8)
+        pixels, depths = view.intrinsics.project(
+            np.concatenate([box.corners for box in boxes]), view.pose.T_world_cam
+        )
         if (depths <= 0.0).any():
             continue
-        left_top, right_bottom = view.box.xyxy_px[:2], view.box.xyxy_px[2:]
-        low = np.maximum(pixels.min(axis=0), left_top)
-        high = np.minimum(pixels.max(axis=0), right_bottom)
-        covered = np.maximum(high - low, 0.0) / np.maximum(right_bottom - left_top, 1.0)
-        shares.append(float(covered.min()))
-    return float(np.median(shares)) if shares else 0.0
+        places = (pixels + 0.5) / view.region.mask_scale - 0.5
+        for corners in np.clip(places, -_FAR_PX, _FAR_PX).astype(np.float32).reshape(-1, 8, 2):
+            outline = np.rint(cv2.convexHull(corners)).astype(np.int32)
+            cv2.fillConvexPoly(silhouette, outline, 1)
+        shown = silhouette > 0
+        matches.append(float((shown & mask).sum()) / max(float((shown | mask).sum()), 1.0))
+    return float(np.median(matches)) if matches else 0.0
 
 
 def _no_thinner(box: Box3, config: SeedConfig) -> Box3:
