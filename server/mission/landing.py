@@ -20,6 +20,8 @@ _SIGMAS = 2.0
 _USUAL_SIGMA_M = 0.25
 # Wherever a drone may be, some room must be left for the others.
 _MOST_EXTRA_M = 1.5
+# Nobody steers a landing: a wind that rises meanwhile must not carry it over the fence.
+_OFF_FENCE_M = 1.0
 _RINGS_M = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0)
 _DIRECTIONS = 16
 
@@ -110,7 +112,7 @@ def _around(centre: Array) -> list[Array]:
 
 
 def _is_allowed(place: Array, object_box: Box3 | None, space: FlightSpace) -> bool:
-    if np.linalg.norm(place) > space.fence_radius_m:
+    if np.linalg.norm(place) > space.fence_radius_m - _OFF_FENCE_M:
         return False
     if object_box is None:
         return True

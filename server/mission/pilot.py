@@ -275,11 +275,13 @@ class Pilot:
         )
         poses = [pose for _, pose, _ in flying]
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities[: len(flying)], strict=True):
+            steered = wing.drone.activity == "flying"
+            if steered:
+                velocity = velocity - wing.doubtful_wind
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
             # The object's own limits come last, because of two that contradict the later one wins.
             for box in reversed(shunned):
                 setpoint = limit_setpoint(setpoint, pose, box, self._config.safety)
-            steered = wing.drone.activity == "flying"
             if steered:
                 velocity = turned(setpoint.velocity_m_s, pose.yaw_rad)
                 velocity = wing.against_wind(velocity)

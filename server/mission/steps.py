@@ -369,9 +369,9 @@ class Steps:
         await self.seeding.settle()
 
     async def _move_aside(self) -> None:
-        """Fly on until nobody would land on a drone that already stands there.
+        """Fly on until nobody would land on a drone that already stands there, and low.
 
-        Nobody steers a drone while it lands, so one that the wind drives goes low first.
+        Nobody steers a drone while it lands: the shorter that takes, the less a wind can do.
         """
         pilot, fleet = self._tools.pilot, self._tools.fleet
         poses = {d: pilot.pose(d) for d in self._state.crew if fleet.drones[d].activity == "flying"}
@@ -401,8 +401,7 @@ class Steps:
             if windy or np.linalg.norm(place - pose.position_world[:2]) > self._config.arrive_m:
                 above = np.append(place, pose.position_world[2])
                 aside[drone_id] = Viewpoint(above, pose.yaw_rad)
-            if windy:
-                low[drone_id] = Viewpoint(np.append(place, _LOW_M), pose.yaw_rad)
+            low[drone_id] = Viewpoint(np.append(place, _LOW_M), pose.yaw_rad)
         await self._go_by_themselves(aside, _MOVE_ASIDE_S)
         await self._go_by_themselves(low, _GO_LOW_S)
 

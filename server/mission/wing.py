@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from server.geometry.boxes import Box3
 from server.mission.config import FlightConfig
 from server.mission.eyes import Eye, Sight
+from server.mission.standing import StandingWatch
 from server.mission.whereabouts import LastHeard, coasted, turned, whereabouts
 from server.planner.route import Detour, next_detour
 from server.planner.tracking import BoxTracker, WantedView
@@ -30,6 +31,8 @@ _WIND_TAU_S = 1.5
 _WIND_MAX_M_S = 0.45
 # Holding its place against wind may take at most this share of the greatest speed.
 _WIND_SHARE = 0.9
+# In still air a hovering Tello drifts as fast, now here, now there: so weak a wind may be none.
+_DOUBTFUL_WIND_M_S = 0.05
 # Gusts end: how soon wind is no longer believed in that is not felt.
 _CALM_TAU_S = 4.0
 # How fast a Tello follows its sticks.
@@ -119,6 +122,7 @@ class Wing:
         self._moves = False
         self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0
+        self._standing = StandingWatch()
         self._rose = False
         self.place_at_start()
 
@@ -135,6 +139,7 @@ class Wing:
         self._rose = False
         self._unfelt, self._unfelt_m = 0, 0.0
         self._felt_s = 0.0 if self._heard is None else self._heard.received_s
+        self._standing.reset()
 
     def place_at_start(self) -> None:
         """Believe the drone to stand at its nominal start place."""
@@ -184,7 +189,19 @@ class Wing:
             assert sight.box is not None
             if self.filter.observe_box(sight.box, sight.frame.captured_s, others, seed):
                 self._seen_s = sight.frame.captured_s
+                self._watch_standing(sight.box, sight.frame.captured_s)
             target.observe(self.drone.config.id, self.filter.target_belief())
+
+    def _watch_standing(self, box: Box, at_s: float) -> None:
+        """Lose trust in a drone that reports to stand while what it sees goes away."""
+        if self._heard is None or self._moves:
+            return
+        self._standing.observe(box, at_s, self._heard.yaw_rad, self.drone.config.intrinsics)
+        offset = self.filter.target_belief().centre - self.filter.pose(at_s).position_world
+        since_s = self._standing.drifts_since_s(float(np.linalg.norm(offset)))
+        if since_s is not None:
+            self._unfelt, self._unfelt_m = _UNFELT_REPORTS, _UNFELT_M
+            self._felt_s = min(self._felt_s, since_s)
 
     def _observe_telemetry(self, telemetry: Telemetry) -> None:
         """Take a new report."""
@@ -214,6 +231,8 @@ class Wing:
     def _feel(self, telemetry: Telemetry, before: Telemetry | None) -> None:
         """Judge by a new report whether the drone feels itself move when it should."""
         self._moves = bool(np.any(telemetry.velocity_m_s[:2]))
+        if self._moves:
+            self._standing.reset()
         # What it is told beyond its wind is what it should fly.
         beyond_m_s = float(np.hypot(*(self._told + self.wind)[:2])) - _FELT_M_S
         if not self._moves and beyond_m_s > 0.0:
@@ -312,15 +331,25 @@ class Wing:
             # before, which is no wind.
             self.wind = self.wind * max(0.0, 1.0 - dt_s / _CALM_TAU_S)
         self.wind[2] = 0.0  # Up and down its own sensors hold it well.
-        strength = float(np.linalg.norm(self.wind))
         strongest = min(_WIND_MAX_M_S, _WIND_SHARE * self._config.safety.max_speed_m_s)
-        if strength > strongest:
-            self.wind *= strongest / strength
+        self.wind = within(self.wind, strongest)
+
+    @property
+    def doubtful_wind(self) -> Array:
+        """The part ``(3,)`` of the wind, world m/s, that may be none: a drone drifts as much.
+
+        What is sent against it must keep to every limit as if there were no wind.
+        """
+        return within(self.wind, _DOUBTFUL_WIND_M_S)
 
     def against_wind(self, velocity_world: Array) -> Array:
-        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind."""
-        share = share_flown(velocity_world, self.wind, self._config.safety.max_speed_m_s)
-        return share * velocity_world - self.wind
+        """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind.
+
+        The doubtful part of the wind is taken from the velocity already.
+        """
+        wind = self.wind - self.doubtful_wind
+        share = share_flown(velocity_world, wind, self._config.safety.max_speed_m_s)
+        return share * velocity_world - wind
 
     def was_told(
         self, velocity_world: Array, yaw_rate_rad_s: float, now_s: float, dt_s: float
@@ -355,6 +384,11 @@ class Wing:
             object_age_s=None if self._seen_s is None else now_s - self._seen_s,
             velocity_age_s=0.0 if heard is None else max(0.0, heard.received_s - self._felt_s),
         )
+
+
+def within(vector: Array, longest: float) -> Array:
+    """Return ``vector`` ``(3,)``, shortened to ``longest`` where it is longer."""
+    return vector * min(1.0, longest / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 def share_flown(velocity: Array, wind: Array, fastest_m_s: float) -> float:

@@ -139,7 +139,12 @@ class _Limit:
 
 def fence_for(pose: CameraPose, config: SafetyConfig) -> float:
     """Return the radius in metres that a drone keeps to: less, the less sure its place is."""
-    return config.fence_radius_m - min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
+    return config.fence_radius_m - _unsure_m(pose)
+
+
+def _unsure_m(pose: CameraPose) -> float:
+    """Return how far a drone may be from where it is believed to be, as far as that counts."""
+    return min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
 
 
 def limit_setpoint(
@@ -168,7 +173,7 @@ def limit_setpoint(
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
     limited = _limited(pose, velocity, rate, target, config)
-    if rate and past_limit(pose.position_world, target, config):
+    if rate and past_limit(pose.position_world, target, config, _unsure_m(pose)):
         straight = _limited(pose, velocity, 0.0, target, config)
         if np.linalg.norm(straight) > np.linalg.norm(limited) + _SLOWER_M_S:
             limited, rate = straight, 0.0
@@ -179,8 +184,8 @@ def _limited(
     pose: CameraPose, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
 ) -> Array:
     """Return the world velocity ``(3,)``, kept to every limit, of a drone that turns as well."""
-    position = pose.position_world
-    coasting = coastable(position, velocity, yaw_rate, target, config)
+    position, unsure_m = pose.position_world, _unsure_m(pose)
+    coasting = coastable(position, velocity, yaw_rate, target, config, unsure_m)
     fence_m = fence_for(pose, config)
     limits, limited = _limits(position, target, fence_m, config), coasting
     # Limits may disturb one another; a second pass settles all but contradictory ones.
@@ -190,12 +195,12 @@ def _limited(
     if np.array_equal(limited, coasting):
         return limited
     # What they made of it may lead elsewhere: a retreat from the fence to the object, or back.
-    coasting = coastable(position, limited, yaw_rate, target, config)
+    coasting = coastable(position, limited, yaw_rate, target, config, unsure_m)
     if all(limit.allows(coasting) for limit in limits):
         return coasting
     # Slowed along one axis only, it turned towards a limit: slow the others as much.
     evenly = _slowed_evenly(limited, coasting)
-    flies_on = coastable(position, evenly, yaw_rate, target, config)
+    flies_on = coastable(position, evenly, yaw_rate, target, config, unsure_m)
     retreats = all(limit.allows(evenly) for limit in limits if limit.allows(coasting))
     if retreats and np.allclose(flies_on, evenly, atol=_ROUNDING_M_S):
         return evenly

@@ -11,9 +11,10 @@ and degrees, so a plain intersection may be empty. Three things keep it sound:
 
 First the boxes vote, which gives the outer box; then, inside it, the regions' shapes vote
 (``server.vision.seed_carving``), and what they keep is cut into boxes where the cuts leave the
-least empty space (``server.vision.seed_boxes``). How many votes a place needs is chosen by what the views show:
-nearly all of them remove what one took along, fewer keep what one lost or a wrong pose moved, and
-the boxes whose silhouettes match the regions best are taken. Later views vote along with the first.
+least empty space (``server.vision.seed_boxes``). How many votes a place needs is chosen by what
+the views show: nearly all of them remove what one took along, fewer keep what one lost or a wrong
+pose moved, and the boxes whose silhouettes match the regions best are taken. Later views vote along
+with the first.
 """
 
 from __future__ import annotations

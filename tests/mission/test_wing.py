@@ -46,6 +46,26 @@ def test_wind_that_takes_nearly_all_speed_leaves_none_towards_the_fence() -> Non
     assert 0.2 < flown[0] < 0.5
 
 
+def in_wind(wind: tuple[float, float, float]) -> Wing:
+    drone: Any = HeardDrone(True)
+    eye: Any = SimpleNamespace(sight=None)
+    flight = FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
+    wing = Wing(drone, eye, Viewpoint(np.array([2.0, 0.0, 1.0]), 0.0), flight, 0)
+    wing.wind = np.array(wind)
+    return wing
+
+
+def test_a_wind_that_may_be_none_is_left_to_the_limits() -> None:
+    """It once made a drone whose link died drift on to the object, by limits it had kept to."""
+    weak = in_wind((0.03, -0.04, 0.0))
+    assert np.array_equal(weak.doubtful_wind, weak.wind)
+    sent = np.array([0.1, 0.2, 0.0])
+    assert weak.against_wind(sent) == pytest.approx(sent)
+    strong = in_wind((0.0, 0.3, 0.0))
+    assert strong.doubtful_wind == pytest.approx([0.0, 0.05, 0.0])
+    assert strong.against_wind(np.zeros(3)) == pytest.approx([0.0, -0.25, 0.0])
+
+
 class HeardDrone(SimpleNamespace):
     """As much of a drone as its wing asks for; it says that it flies forwards."""
 

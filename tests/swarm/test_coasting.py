@@ -211,3 +211,28 @@ def test_past_a_limit_a_turn_does_not_keep_the_drone_there(
         Setpoint(np.zeros(3), yaw_rate), pose_at(np.array([2.0, 0.0, 1.0]), 0.0), TARGET, CONFIG
     )
     assert turning.yaw_rate_rad_s == yaw_rate
+
+
+@given(
+    st.floats(1.5, 4.0),
+    azimuths,
+    headings,
+    st.tuples(speeds, speeds),
+    turns,
+    st.floats(0.0, 0.3),
+)
+def test_the_less_sure_its_place_the_farther_it_stays_from_the_object(
+    radius: float,
+    azimuth: float,
+    yaw_rad: float,
+    wish: tuple[float, float],
+    yaw_rate: float,
+    sigma_m: float,
+) -> None:
+    place = at(radius, azimuth, 1.0)
+    clearance_m = math.hypot(CONFIG.coast_clearance_m, 2.0 * sigma_m)
+    assume(distance_m(on_floor(place)) > clearance_m)
+    pose = replace(pose_at(place, yaw_rad), covariance=sigma_m**2 * np.eye(4))
+    after = limit_setpoint(Setpoint(np.array([*wish, 0.0]), yaw_rate), pose, TARGET, CONFIG)
+    path = coasted(place, yaw_rad, after)
+    assert min(map(distance_m, path)) > clearance_m - BETWEEN_M
