@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterable
 
 from fastapi import APIRouter
@@ -11,6 +12,7 @@ from fastapi.responses import JSONResponse, PlainTextResponse, Response
 from server.api.journal import Journal
 from server.api.stream import StreamCounts
 from server.api.video_counts import VideoCounts
+from server.jobs.book import JobBook
 from server.mission.commands import MissionControl
 
 _QUANTILES = (0.5, 0.95, 0.99)
@@ -18,7 +20,7 @@ _RUNNING = ("queued", "running", "paused")
 
 
 def make_health_router(
-    mission: MissionControl, journal: Journal, counts: StreamCounts, version: str
+    mission: MissionControl, jobs: JobBook, journal: Journal, counts: StreamCounts, version: str
 ) -> APIRouter:
     """Return ``/livez``, ``/readyz`` and ``/metrics``."""
     router = APIRouter(tags=["health"])
@@ -38,7 +40,12 @@ def make_health_router(
     @router.get("/metrics", operation_id="metrics", response_class=PlainTextResponse)
     async def metrics() -> PlainTextResponse:
         """Return the gauges in Prometheus' text form."""
-        lines = [*_lines(mission, counts, version), *_video_lines(journal.video)]
+        lines = [
+            *_lines(mission, counts, version),
+            *_job_lines(jobs),
+            *_failsafe_lines(journal),
+            *_video_lines(journal.video),
+        ]
         text = "\n".join(lines) + "\n"
         return PlainTextResponse(text, media_type="text/plain; version=0.0.4")
 
@@ -81,6 +88,13 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
             for reason, count in dropped.items()
         ],
     )
+    free_mb = mission.disk_free_mb()
+    yield from _family(
+        "dronerf_disk_free_bytes",
+        "gauge",
+        "Free room on the disk of the runs.",
+        [] if free_mb is None else [({}, 1e6 * free_mb)],
+    )
     running = [r.status for r in mission.captures() if r.status.state in _RUNNING]
     yield from _family(
         "dronerf_captures_running", "gauge", "Unfinished captures.", [({}, float(len(running)))]
@@ -106,6 +120,28 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
         ("dronerf_stream_missed_total", "counter", "Events slow clients lost.", counts.missed),
     ):
         yield from _family(name, kind, text, [({}, float(value))])
+
+
+def _job_lines(jobs: JobBook) -> Iterable[str]:
+    found = Counter((record.kind, record.state) for record in jobs.jobs())
+    yield from _family(
+        "dronerf_jobs",
+        "gauge",
+        "Background jobs of this program's life, by how they stand.",
+        [({"kind": kind, "state": state}, float(n)) for (kind, state), n in sorted(found.items())],
+    )
+
+
+def _failsafe_lines(journal: Journal) -> Iterable[str]:
+    yield from _family(
+        "dronerf_failsafes_fired_total",
+        "counter",
+        "How often a row of the failsafe table fired.",
+        [
+            ({"event": row, "action": action}, float(times))
+            for (row, action), times in sorted(journal.failsafes.items())
+        ],
+    )
 
 
 def _video_lines(video: VideoCounts) -> Iterable[str]:

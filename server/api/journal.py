@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 
 from server.api.video_counts import VideoCounts
@@ -16,6 +16,7 @@ from server.mission.events import (
     CaptureTaken,
     Event,
     EventStream,
+    FailsafeFired,
     FrameAnnotated,
     Noted,
     PlanFound,
@@ -56,6 +57,7 @@ class Journal:
         plan_view: Which viewpoints the 3D scene shows, None before anybody chose.
         pictures: The newest capture's pictures by their index.
         video: Counts of annotated pictures.
+        failsafes: How often each row of the failsafe table fired, by (event, action).
         healthy: True while events are being followed.
     """
 
@@ -69,6 +71,7 @@ class Journal:
         self.plan_view: PlanViewChosen | None = None
         self.pictures: dict[int, CaptureTaken] = {}
         self.video = VideoCounts()
+        self.failsafes: Counter[tuple[str, str]] = Counter()
         self.healthy = False
 
     def record(self, event: Event) -> None:
@@ -76,6 +79,8 @@ class Journal:
         match event:
             case FrameAnnotated():
                 self.video.record(event)
+            case FailsafeFired(event=row, action=action):
+                self.failsafes[row, action] += 1
             case Noted():
                 self._sequence += 1
                 self._lines.append(Line(self._sequence, event))

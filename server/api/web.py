@@ -112,7 +112,7 @@ def make_web(
     web.include_router(make_jobs_router(mission, jobs))
     web.include_router(make_tokens_router(door.ring))
     web.include_router(make_stream_router(mission, journal, desk, config.stream, counts))
-    web.include_router(make_health_router(mission, journal, counts, version))
+    web.include_router(make_health_router(mission, jobs, journal, counts, version))
     web.include_router(make_scene_router(scene_port))
     web.include_router(make_dashboard_router(dist))
     document = describe(web)

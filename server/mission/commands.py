@@ -233,6 +233,10 @@ class MissionControl(Protocol):
         """Return the failsafe table, row by row."""
         ...
 
+    def disk_free_mb(self) -> float | None:
+        """Return the free room on the disk of the runs, megabytes, None before it was measured."""
+        ...
+
     def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
         """Return, per drone and reason, how many of its datagrams said nothing."""
         ...

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import dataclasses
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -302,6 +303,10 @@ class Control:
     def failsafes(self) -> tuple[Failsafe, ...]:
         """Return the failsafe table, row by row."""
         return self._config.safety.failsafes.rows()
+
+    def disk_free_mb(self) -> float | None:
+        """Return the free room on the disk of the runs, megabytes, None before it was measured."""
+        return self._disk.free_mb if math.isfinite(self._disk.measured_s) else None
 
     def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
         """Return, per drone and reason, how many of its datagrams said nothing."""

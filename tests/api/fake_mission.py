@@ -277,6 +277,9 @@ class FakeMission:
         elif self.parts.pop(part_id, None) is None:
             raise UnknownError(f"there is no part of priority {part_id!r}")
 
+    def disk_free_mb(self) -> float | None:
+        return 2500.0
+
     def dropped_datagrams(self) -> dict[str, dict[str, int]]:
         return {"drone-1": {"garbage": 3, "bad_state": 0}}
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import logging
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,9 +15,10 @@ import pytest
 from fake_mission import DRONES, JPEG, capture_changed, frame, plan_found
 from served_console import Console, until
 
+from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import MissionConfig
-from server.mission.events import Noted, PlanProgressed, PlanViewChosen
+from server.mission.events import FailsafeFired, Noted, PlanProgressed, PlanViewChosen
 
 pytestmark = pytest.mark.loopback
 
@@ -431,6 +433,25 @@ async def test_health_is_open_and_metrics_are_not(console: Console) -> None:
     assert "dronerf_stream_clients 0" in text
     dropped = "dronerf_drone_datagrams_dropped_total"
     assert f'{dropped}{{drone="drone-1",reason="garbage"}} 3' in text
+    assert "dronerf_disk_free_bytes 2500000000" in text
+
+
+async def test_metrics_count_failsafes_and_jobs(console: Console) -> None:
+    for drone_id in ("drone-1", "drone-2"):
+        console.mission.events.publish(
+            FailsafeFired(drone_id, "battery_pct", 15.0, "land", 14.0, "battery at 14 %")
+        )
+    async with console.client() as client:
+        async with asyncio.timeout(5.0):
+            fired = 'dronerf_failsafes_fired_total{event="battery_pct",action="land"} 2'
+            while fired not in (text := (await client.get("/metrics")).text):  # noqa: ASYNC110
+                await asyncio.sleep(0.01)
+        assert "# TYPE dronerf_jobs gauge" in text
+        assert "dronerf_jobs{" not in text
+        runs = console.mission.runs
+        console.book.request(JobSpec("plan", {}), runs / "job", runs)
+        text = (await client.get("/metrics")).text
+    assert re.search(r'dronerf_jobs\{kind="plan",state="(queued|running)"\} 1', text)
 
 
 async def test_the_dashboard_is_served_when_built(console: Console) -> None:
