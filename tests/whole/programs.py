@@ -7,12 +7,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
 
+# Installs a package into an environment of its own and returns that one's interpreter.
+Peer = Callable[..., Path]
 TOKEN = "a-token-for-tests"
 COMMAND = [sys.executable, "-P", "-m", "server"]
 

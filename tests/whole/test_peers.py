@@ -8,46 +8,15 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
-import venv
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from namespaces import networks, simulator
+from programs import Peer
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(280)]
 
 _FLIGHT_S = 150.0
-
-_Peer = Callable[[str], Path]
-
-
-@pytest.fixture(scope="session")
-def peer(request: pytest.FixtureRequest) -> _Peer:
-    """Installs a package into an environment of its own and returns its interpreter."""
-
-    def install(requirement: str) -> Path:
-        assert request.config.cache is not None
-        home = request.config.cache.mkdir("peers") / requirement.replace("==", "-")
-        python = home / "bin" / "python"
-        if (home / "ready").exists():
-            return python
-        venv.create(home, clear=True)
-        packages = next(home.glob("lib/python*/site-packages"))
-        own = next(Path(sys.prefix).glob("lib/python*/site-packages"))
-        # Looked at after the environment's own packages.
-        (packages / "borrowed.pth").write_text(f"{own}\n")
-        pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
-        done = subprocess.run(
-            [*pip, "--no-deps", requirement], capture_output=True, text=True, check=False
-        )
-        if done.returncode != 0:
-            pytest.skip(f"{requirement} cannot be installed here: {done.stderr.strip()[-200:]}")
-        (home / "ready").touch()
-        return python
-
-    return install
 
 
 def fly(python: Path, script: str, *simulation: str) -> dict:
@@ -129,7 +98,7 @@ _ALL_READS = [*_PLAIN_READS, "speed", "flight_time", "height", "temperature", "b
     [(_PLAIN_READS, ()), (_ALL_READS, ("--friendly-reads",))],
     ids=["as a real drone answers", "plain numbers"],
 )
-def test_djitellopy_flies_and_sees(peer: _Peer, reads: list[str], options: tuple[str, ...]) -> None:
+def test_djitellopy_flies_and_sees(peer: Peer, reads: list[str], options: tuple[str, ...]) -> None:
     script = DJITELLOPY.replace("READS", repr(reads))
     told = fly(peer("djitellopy==2.5.0"), script, *options)
     assert told["reads"]["battery"] > 90
@@ -200,7 +169,7 @@ asyncio.get_event_loop_policy().get_event_loop().run_until_complete(main())
 """
 
 
-def test_tello_asyncio_flies_and_receives_video(peer: _Peer) -> None:
+def test_tello_asyncio_flies_and_receives_video(peer: Peer) -> None:
     told = fly(peer("tello-asyncio==2.1.3"), TELLO_ASYNCIO)
     assert len(told["serial"]) == 14
     assert told["sdk"] == "30"
@@ -249,7 +218,7 @@ asyncio.run(main())
 """
 
 
-def test_dronemaster_flies(peer: _Peer) -> None:
+def test_dronemaster_flies(peer: Peer) -> None:
     told = fly(peer("dronemaster==1.2.1"), DRONEMASTER)
     assert len(told["serial"]) == 14
     assert told["sdk"] == 30
