@@ -1,14 +1,16 @@
 """Where a drone that has fallen silent in the air may be. Pure.
 
 A Tello keeps its last sticks while it hears nothing, and lands by itself after 15 s. Whether it
-still hears is not known when it says nothing, and how its sticks turn into motion is known to some
-per cent only. So it may be in several places; whoever is in the air keeps away from all of them.
+still hears is not known when it says nothing, nor which of the newest sticks were the last that it
+heard, and how sticks turn into motion is known to some per cent only. So it may be in several
+places; whoever is in the air keeps away from all of them.
 
 Symbols: positions and velocities are ``(3,)`` world metres; turns are about +Z, radians per second.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,12 +66,20 @@ def coasted(last: LastHeard, silent_s: float, turn_factor: float = 1.0) -> tuple
     return _sunk(position, silent_s - _LANDS_S), np.zeros(3)
 
 
-def whereabouts(last: LastHeard, silent_s: float) -> list[tuple[Array, Array]]:
-    """Return the positions and velocities that a silent drone may have, all clearly different."""
+def whereabouts(
+    last: LastHeard, silent_s: float, others: Sequence[LastHeard] = ()
+) -> list[tuple[Array, Array]]:
+    """Return the positions and velocities that a silent drone may have, all clearly different.
+
+    Args:
+        last: How it most likely flew when it was heard last; its place comes first.
+        silent_s: How long ago that was.
+        others: How else it may have flown on.
+    """
     hears = last.position + last.velocity * min(silent_s, _LAG_S)
     hears = _sunk(hears, silent_s - _TOLD_TO_LAND_S)
     found: list[tuple[Array, Array]] = []
-    arcs = [coasted(last, silent_s, factor) for factor in _TURN_FACTORS]
+    arcs = [coasted(each, silent_s, f) for each in (last, *others) for f in _TURN_FACTORS]
     for position, velocity in [*arcs, (hears, np.zeros(3))]:
         if all(np.linalg.norm(position - other) > _SAME_M for other, _ in found):
             found.append((position, velocity))

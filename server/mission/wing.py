@@ -297,7 +297,14 @@ class Wing:
         if silent_s < _STALE_STATE_S:
             return [(self.pose(now_s).position_world, self.velocity(now_s))]
         assert self._heard is not None
-        return whereabouts(self._last_heard(self._heard), silent_s)
+        last, heard_s = self._last_heard(self._heard), self._heard.received_s
+        # Any order after its last report may be the last that it heard.
+        later = [
+            replace(last, velocity=velocity, turn_rad_s=turn_rad_s)
+            for sent_s, velocity, turn_rad_s in self._orders
+            if sent_s > heard_s
+        ]
+        return whereabouts(last, silent_s, later)
 
     def _silent_s(self, now_s: float) -> float:
         """Return for how long a drone in the air has reported nothing."""

@@ -75,3 +75,13 @@ def test_a_drone_whose_sticks_sink_flies_on_above_the_floor():
         position, _ = coasted(last, silent_s)
         np.testing.assert_allclose(position, [2.0 + 0.2 * silent_s, 0.0, 0.1])
     assert coasted(last, 20.0)[0][2] == 0.0
+
+
+@given(speeds, speeds, turns, st.lists(st.tuples(speeds, speeds, turns), max_size=5), silences)
+def test_any_order_after_the_last_report_may_be_the_one_it_follows(vx, vy, turn, later, silent_s):
+    others = [heard(*order) for order in later]
+    found = [position for position, _ in whereabouts(heard(vx, vy, turn), silent_s, others)]
+    np.testing.assert_array_equal(found[0], coasted(heard(vx, vy, turn), silent_s)[0])
+    for order in others:
+        truth, _ = coasted(order, silent_s)
+        assert min(np.linalg.norm(truth - place) for place in found) <= 0.25

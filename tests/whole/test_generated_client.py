@@ -61,9 +61,10 @@ def test_a_generated_client_flies_a_capture(peer: Peer, tmp_path: Path) -> None:
         "project_name_override: console-client\npackage_name_override: console_client\n"
     )
     made = tmp_path / "console-client"
+    options = ["--output-path", str(made), "--config", str(config), "--fail-on-warning"]
+    command = [str(python), "-m", "openapi_python_client", "generate", "--path", str(OPENAPI)]
     generated = subprocess.run(
-        [str(python), "-m", "openapi_python_client", "generate", "--path", str(OPENAPI)]
-        + ["--output-path", str(made), "--config", str(config), "--fail-on-warning"],
+        [*command, *options],
         capture_output=True,
         text=True,
         check=False,
