@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import subprocess
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from programs import TOKEN, Peer, console
 pytestmark = [pytest.mark.loopback, pytest.mark.slow, pytest.mark.timeout(600)]
 
 OPENAPI = Path(__file__).parents[2] / "docs" / "openapi.json"
-GENERATOR = "openapi-python-client==0.26.1"
+GENERATOR = "openapi-python-client==0.29.1"
 
 # Written as a user of the generated package would: only its own names, no paths.
 SCRIPT = """
@@ -61,16 +63,22 @@ def test_a_generated_client_flies_a_capture(peer: Peer, tmp_path: Path) -> None:
         "project_name_override: console-client\npackage_name_override: console_client\n"
     )
     made = tmp_path / "console-client"
-    options = ["--output-path", str(made), "--config", str(config), "--fail-on-warning"]
+    options = ["--output-path", str(made), "--config", str(config)]
     command = [str(python), "-m", "openapi_python_client", "generate", "--path", str(OPENAPI)]
     generated = subprocess.run(
         [*command, *options],
+        # It tidies what it made with a program beside it.
+        env=os.environ | {"PATH": f"{python.parent}:{os.environ['PATH']}"},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert generated.returncode == 0, (generated.stdout + generated.stderr)[-4000:]
-    simulated = ("--sim", "--scene", "recycle_bin", "--seed", "1")
+    said = generated.stdout + generated.stderr
+    assert generated.returncode == 0, said[-4000:]
+    # It knows no pictures, and leaves that one answer out.
+    unread = re.findall(r"^WARNING parsing (.*)", said, re.MULTILINE)
+    assert unread == ["GET /api/v1/drones/{drone_id}/frame.jpg within drones."], said
+    simulated = ("--sim", "recycle_bin", "--seed", "1")
     with console(tmp_path / "runs", *simulated) as address:
         done = subprocess.run(
             [str(python), "-c", SCRIPT, address, TOKEN],
