@@ -9,7 +9,7 @@ avoidance and the safety limits. When this loop stops, setpoints expire and the 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -276,15 +276,14 @@ class Pilot:
         poses = [pose for _, pose, _ in flying]
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities[: len(flying)], strict=True):
             steered = wing.drone.activity == "flying"
-            if steered:
-                velocity = velocity - wing.doubtful_wind
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
-            # The object's own limits come last, because of two that contradict the later one wins.
-            for box in reversed(shunned):
-                setpoint = limit_setpoint(setpoint, pose, box, self._config.safety)
+            setpoint = self._limited(setpoint, pose, shunned)
             if steered:
-                velocity = turned(setpoint.velocity_m_s, pose.yaw_rad)
-                velocity = wing.against_wind(velocity)
+                # Limits hold with the wind that is believed in, and with its doubtful part away.
+                velocity = turned(setpoint.velocity_m_s, pose.yaw_rad) - wing.doubtful_wind
+                setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
+                setpoint = self._limited(setpoint, pose, shunned)
+                velocity = wing.against_wind(turned(setpoint.velocity_m_s, pose.yaw_rad))
                 setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
             others = [other for other in poses if other is not pose]
             readings = flight_readings(pose, others, obstacle, self._config.safety)
@@ -300,6 +299,12 @@ class Pilot:
             told = turned(setpoint.velocity_m_s, pose.yaw_rad) if taken else np.zeros(3)
             turn_rad_s = setpoint.yaw_rate_rad_s if taken else 0.0
             wing.was_told(told, turn_rad_s, now_s, self._dt_s)
+
+    def _limited(self, setpoint: Setpoint, pose: CameraPose, shunned: Sequence[Box3]) -> Setpoint:
+        # The object's own limits come last, because of two that contradict the later one wins.
+        for box in reversed(shunned):
+            setpoint = limit_setpoint(setpoint, pose, box, self._config.safety)
+        return setpoint
 
     @staticmethod
     def _ghosts(wings: Iterable[Wing], now_s: float) -> list[Agent]:

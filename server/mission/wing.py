@@ -345,9 +345,11 @@ class Wing:
     def doubtful_wind(self) -> Array:
         """The part ``(3,)`` of the wind, world m/s, that may be none: a drone drifts as much.
 
-        What is sent against it must keep to every limit as if there were no wind.
+        What is sent against it must keep to every limit as if there were no wind. A wind twice as
+        strong is no drift: all of the drone's strength may be needed to hold against it.
         """
-        return within(self.wind, _DOUBTFUL_WIND_M_S)
+        beyond_m_s = max(0.0, 2.0 * _DOUBTFUL_WIND_M_S - float(np.linalg.norm(self.wind)))
+        return within(self.wind, min(_DOUBTFUL_WIND_M_S, beyond_m_s))
 
     def against_wind(self, velocity_world: Array) -> Array:
         """Return what to send so that the drone flies ``velocity_world`` ``(3,)`` in its wind.

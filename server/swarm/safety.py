@@ -29,6 +29,7 @@ _RETREAT_M_S = 0.25
 # The fence is drawn in by so many standard deviations of the position, but not beyond the maximum.
 _SIGMAS = 2.0
 _MARGIN_MAX_M = 1.0
+_COAST_UNSURE_MAX_M = 0.5
 # A drone past a limit gives up its turn for so much more speed.
 _SLOWER_M_S = 0.01
 # Speeds that differ by less are equal, m/s.
@@ -147,6 +148,14 @@ def _unsure_m(pose: CameraPose) -> float:
     return min(_SIGMAS * pose.position_sigma_m, _MARGIN_MAX_M)
 
 
+def _coast_unsure_m(pose: CameraPose) -> float:
+    """Return the same for the way of a coasting drone.
+
+    Less is counted: with more, wind drove drones out that might not fly back in against it.
+    """
+    return min(_unsure_m(pose), _COAST_UNSURE_MAX_M)
+
+
 def limit_setpoint(
     setpoint: Setpoint, pose: CameraPose, target: Box3 | None, config: SafetyConfig
 ) -> Setpoint:
@@ -173,7 +182,7 @@ def limit_setpoint(
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
     limited = _limited(pose, velocity, rate, target, config)
-    if rate and past_limit(pose.position_world, target, config, _unsure_m(pose)):
+    if rate and past_limit(pose.position_world, target, config, _coast_unsure_m(pose)):
         straight = _limited(pose, velocity, 0.0, target, config)
         if np.linalg.norm(straight) > np.linalg.norm(limited) + _SLOWER_M_S:
             limited, rate = straight, 0.0
@@ -184,7 +193,7 @@ def _limited(
     pose: CameraPose, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
 ) -> Array:
     """Return the world velocity ``(3,)``, kept to every limit, of a drone that turns as well."""
-    position, unsure_m = pose.position_world, _unsure_m(pose)
+    position, unsure_m = pose.position_world, _coast_unsure_m(pose)
     coasting = coastable(position, velocity, yaw_rate, target, config, unsure_m)
     fence_m = fence_for(pose, config)
     limits, limited = _limits(position, target, fence_m, config), coasting

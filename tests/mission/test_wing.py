@@ -61,9 +61,12 @@ def test_a_wind_that_may_be_none_is_left_to_the_limits() -> None:
     assert np.array_equal(weak.doubtful_wind, weak.wind)
     sent = np.array([0.1, 0.2, 0.0])
     assert weak.against_wind(sent) == pytest.approx(sent)
+    between = in_wind((0.0, 0.07, 0.0))
+    assert between.doubtful_wind == pytest.approx([0.0, 0.03, 0.0])
+    assert between.against_wind(np.zeros(3)) == pytest.approx([0.0, -0.04, 0.0])
     strong = in_wind((0.0, 0.3, 0.0))
-    assert strong.doubtful_wind == pytest.approx([0.0, 0.05, 0.0])
-    assert strong.against_wind(np.zeros(3)) == pytest.approx([0.0, -0.25, 0.0])
+    assert not strong.doubtful_wind.any()
+    assert strong.against_wind(np.zeros(3)) == pytest.approx([0.0, -0.3, 0.0])
 
 
 class HeardDrone(SimpleNamespace):

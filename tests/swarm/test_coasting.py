@@ -230,7 +230,7 @@ def test_the_less_sure_its_place_the_farther_it_stays_from_the_object(
     sigma_m: float,
 ) -> None:
     place = at(radius, azimuth, 1.0)
-    clearance_m = math.hypot(CONFIG.coast_clearance_m, 2.0 * sigma_m)
+    clearance_m = math.hypot(CONFIG.coast_clearance_m, min(2.0 * sigma_m, 0.5))
     assume(distance_m(on_floor(place)) > clearance_m)
     pose = replace(pose_at(place, yaw_rad), covariance=sigma_m**2 * np.eye(4))
     after = limit_setpoint(Setpoint(np.array([*wish, 0.0]), yaw_rate), pose, TARGET, CONFIG)
