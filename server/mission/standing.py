@@ -42,7 +42,7 @@ class StandingWatch:
         self._seen: deque[tuple[float, float, float]] = deque()
 
     def reset(self) -> None:
-        """Begin anew: the drone reports that it moves, or was told to."""
+        """Begin anew: the drone reports that it moves, or another flight begins."""
         self._seen.clear()
 
     def observe(self, box: Box, at_s: float, yaw_rad: float, camera: Intrinsics) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from programs import TOKEN, Peer, console
 
-pytestmark = [pytest.mark.loopback, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.loopback, pytest.mark.slow, pytest.mark.timeout(1200)]
 
 OPENAPI = Path(__file__).parents[2] / "docs" / "openapi.json"
 GENERATOR = "openapi-python-client==0.29.1"
@@ -85,7 +85,7 @@ def test_a_generated_client_flies_a_capture(peer: Peer, tmp_path: Path) -> None:
             cwd=made,
             capture_output=True,
             text=True,
-            timeout=500.0,
+            timeout=1000.0,
             check=False,
         )
     assert done.returncode == 0, done.stderr[-4000:]
