@@ -261,7 +261,8 @@ class Wing:
             place, _ = coasted(last, silent_s)
             sigma_m = _COAST_SIGMA_M_S * silent_s
         else:
-            places = np.array([position for position, _ in whereabouts(last, silent_s)])
+            others = self._else_heard(last, telemetry.received_s - silent_s)
+            places = np.array([position for position, _ in whereabouts(last, silent_s, others)])
             place = places.mean(axis=0)
             sigma_m = _FELL_SIGMA_M + float(np.linalg.norm(places - place, axis=1).max())
         if not self.drone.airborne:
@@ -297,14 +298,16 @@ class Wing:
         if silent_s < _STALE_STATE_S:
             return [(self.pose(now_s).position_world, self.velocity(now_s))]
         assert self._heard is not None
-        last, heard_s = self._last_heard(self._heard), self._heard.received_s
-        # Any order after its last report may be the last that it heard.
-        later = [
+        last = self._last_heard(self._heard)
+        return whereabouts(last, silent_s, self._else_heard(last, self._heard.received_s))
+
+    def _else_heard(self, last: LastHeard, heard_s: float) -> list[LastHeard]:
+        """Return how else it may have flown on: any order after its report may be its last."""
+        return [
             replace(last, velocity=velocity, turn_rad_s=turn_rad_s)
             for sent_s, velocity, turn_rad_s in self._orders
             if sent_s > heard_s
         ]
-        return whereabouts(last, silent_s, later)
 
     def _silent_s(self, now_s: float) -> float:
         """Return for how long a drone in the air has reported nothing."""
