@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Protocol
 
@@ -292,6 +292,8 @@ class Placement:
         terms: Value of each named term before weighting.
         candidates: D, how many poses they were chosen from.
         bound: Upper bound of the fitness over all choices, or None when it was not computed.
+        spare: The candidates that were not chosen.
+        spare_gains: ``(D - K,)`` by how much one picture more, from there, would raise the fitness.
     """
 
     viewpoints: tuple[Viewpoint, ...]
@@ -299,6 +301,8 @@ class Placement:
     terms: Mapping[str, float]
     candidates: int
     bound: float | None = None
+    spare: tuple[Viewpoint, ...] = ()
+    spare_gains: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,13 +13,8 @@ import sys
 from typing import Any, NoReturn
 
 from server.mission.events import (
-    CaptureChanged,
     EventStream,
-    MetricsMeasured,
     Noted,
-    PlanFound,
-    PosesRefined,
-    SeedFitted,
     TrainingProgressed,
 )
 
@@ -71,7 +66,6 @@ class CaptureFollower:
         self._events = events
         self._bar = TrainingBar()
         self._task: asyncio.Task[None] | None = None
-        self._last = ""
 
     def start(self) -> CaptureFollower:
         """Begin to follow; returns itself."""
@@ -103,33 +97,11 @@ class CaptureFollower:
                         "samples_per_s": event.samples_per_s,
                     }
                 )
-                return
-            case CaptureChanged():
-                text = f"{event.phase.replace('_', ' ')}"
-                if event.phase in ("fly", "tune", "capture"):
-                    text = f"round {event.round_index + 1} of {event.rounds}"
-                text += f", {event.images} of {event.images_total} pictures"
-            case SeedFitted():
-                size = " x ".join(f"{edge:.2f}" for edge in event.seed.outer.size)
-                text = f"object found: {size} m, {len(event.seed.boxes)} boxes"
-            case PlanFound():
-                text = (
-                    f"plan: {len(event.placement.viewpoints)} viewpoints out of "
-                    f"{event.placement.candidates}, fitness {event.placement.fitness:.3f}"
-                )
-            case PosesRefined():
-                text = f"poses refined: {int(event.refined.sum())} of {len(event.refined)}"
-            case MetricsMeasured():
-                text = f"held out: {event.metrics.psnr_db:.2f} dB, SSIM {event.metrics.ssim:.3f}"
             case Noted():
                 who = f"{event.drone_id}: " if event.drone_id else ""
-                text = f"{event.level}: {who}{event.text}"
-            case _:
-                return
-        if text != self._last:
-            self._bar.close()
-            print(text, file=sys.stderr, flush=True)
-            self._last = text
+                level = "" if event.level == "info" else f"{event.level}: "
+                self._bar.close()
+                print(f"{level}{who}{event.text}", file=sys.stderr, flush=True)
 
 
 _ROWS = (

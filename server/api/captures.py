@@ -16,6 +16,7 @@ from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
 from server.mission.commands import (
+    MOST_PICTURES,
     CaptureRecord,
     CaptureRequest,
     MissionControl,
@@ -50,11 +51,19 @@ class CaptureSpec(BaseModel):
 
     mode: Mode = "optimized"
     drones: Annotated[int, Field(strict=True, ge=1, le=8), WHOLE] | None = None
-    pictures: Annotated[int, Field(strict=True, ge=1, le=400), WHOLE] = 24
+    pictures: Annotated[int, Field(strict=True, ge=1, le=MOST_PICTURES), WHOLE] = 24
     train_seconds: Number = Field(default=60.0, ge=0.0, le=86_400.0)
     name: str = Field(default="", max_length=80, pattern=_NAME)
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32), WHOLE] = 0
     overrides: dict[_Item, _Reason] = Field(default_factory=dict, max_length=_MOST_OVERRIDES)
+
+
+class MorePictures(BaseModel):
+    """How many pictures more a capture under way shall take."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    count: Annotated[int, Field(strict=True, ge=1, le=MOST_PICTURES), WHOLE]
 
 
 class CaptureView(BaseModel):
@@ -192,6 +201,19 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
     async def resume_capture(capture_id: str, client: str = admitted) -> CaptureView:
         """Go on with a paused capture."""
         record = await mission.resume_capture(capture_id)
+        desk.note_flight(client)
+        return view_from_record(record)
+
+    @router.post(
+        "/{capture_id}/pictures",
+        operation_id="addPictures",
+        responses=described(404, 409, 422),
+    )
+    async def add_pictures(
+        capture_id: str, more: MorePictures, client: str = admitted
+    ) -> CaptureView:
+        """Take more pictures than was asked for, from where they add most to those taken."""
+        record = await mission.add_pictures(capture_id, more.count)
         desk.note_flight(client)
         return view_from_record(record)
 

@@ -48,6 +48,7 @@ class PlanInput(BaseModel):
         rounds: Pictures per drone.
         config: ``PlannerConfig``.
         priorities: Lower and upper corner and weight of the parts that matter more.
+        taken: Where pictures were taken already: position x, y, z and yaw.
         enough: Share of the visible surface for which to find how many pictures are enough.
     """
 
@@ -60,6 +61,7 @@ class PlanInput(BaseModel):
     rounds: int
     config: dict[str, Any]
     priorities: list[tuple[list[float], list[float], float]] = []
+    taken: list[tuple[float, float, float, float]] = []
     enough: float | None = None
 
 
@@ -77,7 +79,10 @@ class EnoughPictures(BaseModel):
 
 
 class PlanResult(BaseModel):
-    """What was planned; a viewpoint is x, y, z and yaw."""
+    """What was planned; a viewpoint is x, y, z and yaw.
+
+    ``spare`` are the candidates left over, ``spare_gains`` what a picture more from each would add.
+    """
 
     viewpoints: list[tuple[float, float, float, float]]
     fitness: float
@@ -85,12 +90,22 @@ class PlanResult(BaseModel):
     candidates: int
     bound: float | None
     rounds: list[dict[str, tuple[float, float, float, float]]]
+    spare: list[tuple[float, float, float, float]] = []
+    spare_gains: list[float] = []
     enough: EnoughPictures | None = None
 
     def placement(self) -> Placement:
         """Return the chosen set."""
         viewpoints = tuple(_viewpoint(v) for v in self.viewpoints)
-        return Placement(viewpoints, self.fitness, self.terms, self.candidates, self.bound)
+        return Placement(
+            viewpoints,
+            self.fitness,
+            self.terms,
+            self.candidates,
+            self.bound,
+            tuple(_viewpoint(v) for v in self.spare),
+            np.array(self.spare_gains),
+        )
 
     def assignment(self) -> Assignment:
         """Return who takes which viewpoint when."""
@@ -142,6 +157,7 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         spec.seed,
         on_progress,
         reporter.should_stop,
+        taken=[_viewpoint(place) for place in wanted.taken],
     )
     return PlanResult(
         viewpoints=[_place(v) for v in placement.viewpoints],
@@ -150,6 +166,8 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         candidates=placement.candidates,
         bound=placement.bound,
         rounds=[{d: _place(v) for d, v in entry.items()} for entry in assignment.rounds],
+        spare=[_place(v) for v in placement.spare],
+        spare_gains=placement.spare_gains.tolist(),
         enough=None if wanted.enough is None else _enough(wanted.enough, seed, camera, wanted),
     ).model_dump()
 

@@ -33,7 +33,7 @@ class Photographer:
     """Takes the pictures of one run.
 
     Attributes:
-        taken: Stills on disk.
+        poses: Where the stills on disk were taken, in order.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Photographer:
         events: EventStream,
         config: MissionConfig,
     ) -> None:
-        self.taken = 0
+        self.poses: list[CameraPose] = []
         self._run = run
         self._fleet = fleet
         self._eyes = eyes
@@ -54,6 +54,11 @@ class Photographer:
         self._config = config
         self._keyframes = 0
         self._last_keyframe: dict[str, CameraPose] = {}
+
+    @property
+    def taken(self) -> int:
+        """How many stills are on disk."""
+        return len(self.poses)
 
     async def take_all(
         self, drones: list[str], round_index: int, object_box: Box3 | None
@@ -135,7 +140,7 @@ class Photographer:
             captured_at=datetime.now(UTC),
         )
         thumbnail = await asyncio.to_thread(self._save_still, capture, sight, object_box)
-        self.taken += 1
+        self.poses.append(pose)
         self._last_keyframe[drone_id] = pose
         self._events.publish(CaptureTaken(capture, thumbnail))
 

@@ -57,6 +57,10 @@ class UnknownError(Exception):
     """The named drone, capture or file does not exist (HTTP 404)."""
 
 
+# More pictures a capture does not take.
+MOST_PICTURES = 400
+
+
 @dataclass(frozen=True, slots=True)
 class CaptureRequest:
     """What to capture.
@@ -181,6 +185,16 @@ class MissionControl(Protocol):
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         """Go on; raises UnknownError or RefusedError."""
+        ...
+
+    async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
+        """Take so many pictures more than was asked for, from where they add most.
+
+        Raises:
+            UnknownError: If there is no such capture.
+            RefusedError: If it takes no more: its drones are on their way down, it flies the
+                standard ring, or there would be too many.
+        """
         ...
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:

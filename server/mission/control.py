@@ -23,8 +23,10 @@ import cv2
 
 from server.jobs.local import LocalRunner
 from server.jobs.runner import JobRunner
+from server.mission import chronicle
 from server.mission.checklist import Check, check_console, check_disk, check_drone, problems
 from server.mission.commands import (
+    MOST_PICTURES,
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
@@ -164,6 +166,7 @@ class Control:
         self._adopting: asyncio.Task[None] | None = None
         self._tasks: list[asyncio.Task[None]] = []
         self._connecting: asyncio.Task[None] | None = None
+        self._chronicle: asyncio.Task[None] | None = None
         self._failed_task = ""  # A standing task that has ended, which none should.
 
     async def __aenter__(self) -> Control:
@@ -179,7 +182,8 @@ class Control:
             asyncio.create_task(self._disk.run(), name="disk watch"),
             asyncio.create_task(self._disagreement.run(self._observers), name="agreement"),
         ]
-        # Connecting, adopting and repairing end by themselves, so they are no standing tasks.
+        # No flight depends on these: they end by themselves, or only tell.
+        self._chronicle = asyncio.create_task(chronicle.follow(self.events), name="chronicle")
         self._connecting = asyncio.create_task(self._connect(), name="connect")
         left = list(self._records.values())
         self._adopting = asyncio.create_task(self._recovery.adopt(left), name="adopt")
@@ -206,7 +210,7 @@ class Control:
         if self._recording_task is not None and not self._recording_task.done():
             await asyncio.wait([self._recording_task], timeout=self._recording_patience_s())
         await self._recovery.close()
-        ends = (self._connecting, self._adopting, self._repairing)
+        ends = (self._connecting, self._adopting, self._repairing, self._chronicle)
         tasks = [*self._tasks, *(task for task in ends if task is not None)]
         for task in tasks:
             task.cancel()
@@ -460,6 +464,10 @@ class Control:
             return self._records[capture_id]
         return self._steer(capture_id, lambda mission: mission.abort("aborted by the operator"))
 
+    async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
+        """Want more pictures, where they add most; raises UnknownError or RefusedError."""
+        return self._steer(capture_id, lambda mission: mission.add_pictures(count))
+
     async def delete_capture(self, capture_id: str) -> None:
         """Delete a capture and its run folder; raises UnknownError or RefusedError."""
         folder = self.run_folder(capture_id)
@@ -607,8 +615,9 @@ def _checked(request: CaptureRequest, fleet_size: int) -> int:
     count = fleet_size if request.drones is None else request.drones
     if not 1 <= count <= fleet_size:
         raise ValueError(f"drones must be 1 to {fleet_size}, not {count}")
-    if not count <= request.pictures <= 400:
-        raise ValueError(f"pictures must be {count} (one each) to 400, not {request.pictures}")
+    if not count <= request.pictures <= MOST_PICTURES:
+        most = f"{count} (one each) to {MOST_PICTURES}"
+        raise ValueError(f"pictures must be {most}, not {request.pictures}")
     if request.train_seconds != 0 and not 1.0 <= request.train_seconds <= 86_400:
         raise ValueError(f"train_seconds must be 0 or 1 to 86400, not {request.train_seconds}")
     for item, reason in request.overrides.items():

@@ -17,7 +17,7 @@ from typing import Any
 from server.jobs.runner import JobRunner
 from server.mission.capture import Photographer
 from server.mission.checklist import Check
-from server.mission.commands import CaptureRequest
+from server.mission.commands import MOST_PICTURES, CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import CaptureChanged, EventStream, Noted
 from server.mission.eyes import Eye
@@ -40,6 +40,7 @@ _POLL_S = 0.05
 _SIGN_OF_LIFE_S = 60.0
 _STEERED = AIRBORNE - {Phase.TAKE_OFF, Phase.LAND}
 _RETURNING = (Phase.PREFLIGHT, Phase.TAKE_OFF, Phase.CENTRE)
+_FLOWN = (Phase.LAND, Phase.TRAIN)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,10 @@ class Mission:
         self.run_folder = run
         self._tools = tools
         rounds = -(-request.pictures // len(drones))
-        self._state = MissionState(tuple(drones), list(drones), Progress.start(rounds))
+        self._state = MissionState(
+            tuple(drones), list(drones), Progress.start(rounds), request.pictures
+        )
+        self._chooses = request.mode == "optimized"
         self._recorder = CaptureRecorder(request, run, tools.config)
         self._photographer = Photographer(
             run, tools.fleet, tools.eyes, tools.pilot, tools.events, tools.config.mission
@@ -110,7 +114,6 @@ class Mission:
                 console_checks=tools.console_checks,
             ),
         )
-        self._pictures = request.pictures
         self._step: asyncio.Task[None] | None = None
         self._redirected = False
         self._saved_s = 0.0
@@ -142,6 +145,7 @@ class Mission:
         return self._recorder.status(
             self._state.progress,
             self._photographer.taken,
+            self._state.pictures,
             self._state.commanded,
             self._reconstruction.seconds_total(),
             self._reconstruction.seconds_left(),
@@ -167,6 +171,21 @@ class Mission:
         self._state.progress = self._state.progress.resume()
         self._tools.pilot.paused = False
         self._change("running")
+
+    def add_pictures(self, count: int) -> None:
+        """Want so many pictures more, from where they add most; raises ValueError if impossible."""
+        state = self._state
+        if not self._chooses:
+            raise ValueError("the standard ring is flown as it is; nothing is chosen")
+        if state.progress.over or state.progress.ending or state.progress.phase in _FLOWN:
+            raise ValueError("its drones are on their way down already")
+        if state.pictures + count > MOST_PICTURES:
+            raise ValueError(f"a capture has at most {MOST_PICTURES} pictures")
+        state.pictures += count
+        state.more_wanted = True
+        text = f"{count} pictures more are wanted, {state.pictures} in all."
+        self._tools.events.publish(Noted("info", text))
+        self._change(self._recorder.state)
 
     def abort(self, reason: str) -> None:
         """Land and end; raises ValueError when already over."""
@@ -314,7 +333,7 @@ class Mission:
                         Noted("warning", "HOLD: the capture waits. Re-arm, then resume.", drone_id)
                     )
                     self.pause()
-            if not self._state.crew and self._photographer.taken < self._pictures:
+            if not self._state.crew and self._photographer.taken < self._state.pictures:
                 self._go_aground()
 
     def _land_strangers(self) -> None:

@@ -7,7 +7,7 @@ in time or none is possible, so that a mission never waits for its planner.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -86,11 +86,15 @@ class Planning:
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
         rounds: int,
+        taken: Sequence[CameraPose],
     ) -> Assignment | None:
-        """Plan the rounds that are left and publish them; None when there is no such plan."""
+        """Plan the rounds that are left, beside what was ``taken``, and publish them.
+
+        None when there is no such plan.
+        """
         try:
             async with asyncio.timeout(self._config.mission.plan_timeout_s):
-                result = await self._ask_worker(seed, poses, camera, rounds)
+                result = await self._ask_worker(seed, poses, camera, rounds, taken)
         except (TimeoutError, JobFailedError) as error:
             reason = str(error) or "not ready in time"
             self._events.publish(Noted("warning", f"No new plan ({reason}): the old one is flown."))
@@ -112,6 +116,7 @@ class Planning:
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
         rounds: int,
+        taken: Sequence[CameraPose] = (),
     ) -> PlanResult:
         wanted = PlanInput(
             outer=(seed.outer.lower.tolist(), seed.outer.upper.tolist()),
@@ -119,7 +124,8 @@ class Planning:
             views=seed.views,
             intrinsics=asdict(camera.intrinsics),
             tilt_rad=float(np.deg2rad(camera.tilt_deg)),
-            drones={d: (*pose.position_world.tolist(), pose.yaw_rad) for d, pose in poses.items()},
+            drones={d: _place(pose) for d, pose in poses.items()},
+            taken=[_place(pose) for pose in taken],
             rounds=rounds,
             config=asdict(self._config.planner),
             priorities=[
@@ -185,3 +191,8 @@ class Planning:
             self._config.planner,
             [float(np.arctan2(offset[1], offset[0])) for offset in offsets],
         )
+
+
+def _place(pose: CameraPose) -> tuple[float, float, float, float]:
+    x, y, z = (float(value) for value in pose.position_world)
+    return x, y, z, pose.yaw_rad

@@ -52,6 +52,7 @@ class CaptureRecorder:
         self,
         progress: Progress,
         images: int,
+        wanted: int,
         commanded: int,
         train_total_s: float,
         train_left_s: float,
@@ -61,6 +62,7 @@ class CaptureRecorder:
         Args:
             progress: Its place in its course.
             images: Pictures on disk.
+            wanted: Pictures wanted in all.
             commanded: Viewpoints the drones were sent to.
             train_total_s: Expected length of the reconstruction.
             train_left_s: What is left of it.
@@ -78,7 +80,7 @@ class CaptureRecorder:
             round_index=progress.round_index,
             rounds=progress.rounds,
             images=images,
-            images_total=self._request.pictures,
+            images_total=wanted,
             commanded=commanded,
         )
 

@@ -17,6 +17,8 @@ class MissionState:
         drones: All drones of the capture.
         crew: Those that fly it now; a drone that leaves the air leaves the crew.
         progress: Place in the course.
+        pictures: How many pictures are wanted in all.
+        more_wanted: True while some of them are in no plan yet.
         seed: The seed geometry once known.
         views: Pictures that the seed geometry is made from.
         assignment: Who goes where; rows before the present round are history.
@@ -29,6 +31,8 @@ class MissionState:
     drones: tuple[str, ...]
     crew: list[str]
     progress: Progress
+    pictures: int
+    more_wanted: bool = False
     seed: SeedGeometry | None = None
     views: list[View] = field(default_factory=list)
     assignment: Assignment = field(default_factory=lambda: Assignment(()))

@@ -234,9 +234,10 @@ class Steps:
 
     async def _plan(self) -> None:
         assert self._state.seed is not None
+        self._state.more_wanted = False
         poses = {d: self._tools.pilot.pose(d) for d in self._state.crew}
         camera = self._tools.fleet.drones[self._state.crew[0]].config
-        rounds = -(-self._request.pictures // len(poses))
+        rounds = -(-self._state.pictures // len(poses))
         try:
             self._state.assignment = await self._tools.planning.rounds(
                 self._state.seed, poses, camera, rounds
@@ -273,38 +274,42 @@ class Steps:
 
     async def _capture(self) -> None:
         photographer, state = self._tools.photographer, self._state
-        left = self._request.pictures - photographer.taken
+        left = self._state.pictures - photographer.taken
         wanted = list(self._viewpoints())[:left]
         missed = await photographer.take_all(wanted, state.progress.round_index, state.object_box)
         for drone_id in missed:
             text = f"Round {state.progress.round_index + 1}: no clean picture."
             self._note("warning", text, drone_id)
         training = self._request.train_seconds > 0
-        if training and photographer.taken >= min(4, self._request.pictures):
+        if training and photographer.taken >= min(4, self._state.pictures):
             await self._tools.reconstruction.start()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
         self.seeding.refine(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
-        if photographer.taken < self._request.pictures:
+        if photographer.taken < self._state.pictures:
             await self._regroup(state.progress.round_index + 1, taken)
             await self._plan_anew(state.progress.round_index + 1)
         else:
             state.progress = state.progress.with_rounds(state.progress.round_index + 1)
 
     async def _plan_anew(self, next_round: int) -> None:
-        """Plan what is left anew when the operator has marked or dropped a part meanwhile.
-
-        The pictures taken count for nothing in it: with few left, all go where they now matter.
-        """
+        """Plan what is left anew when the operator wants other parts or more pictures meanwhile."""
         state, planning = self._state, self._tools.planning
-        if not planning.outdated or not state.crew or state.seed is None:
+        more = state.more_wanted
+        if not (planning.outdated or more) or not state.crew or state.seed is None:
             return
-        left = self._request.pictures - self._tools.photographer.taken
+        state.more_wanted = False
+        photographer = self._tools.photographer
+        left = self._state.pictures - photographer.taken
         poses = {d: self._tools.pilot.pose(d) for d in state.crew}
         camera = self._tools.fleet.drones[state.crew[0]].config
         rounds = -(-left // len(poses))
-        assignment = await planning.rounds_anew(state.seed, poses, camera, rounds)
-        if assignment is not None:
+        assignment = await planning.rounds_anew(
+            state.seed, poses, camera, rounds, photographer.poses
+        )
+        if assignment is None:
+            state.more_wanted = state.more_wanted or more
+        else:
             flown = state.assignment.rounds[:next_round]
             state.assignment = Assignment(flown + assignment.rounds)
             state.progress = state.progress.with_rounds(len(state.assignment.rounds))

@@ -34,6 +34,7 @@ class SearchArrays(NamedTuple):
         baseline: float32 ``(D, D)`` worth of each as the other's neighbour.
         baseline_weight: Weight of each view's best neighbour.
         neighbours: int64 ``(D, N)``.
+        taken: How many candidates, the last ones, are part of every choice.
     """
 
     quality: NDArray[np.float32]
@@ -46,6 +47,7 @@ class SearchArrays(NamedTuple):
     baseline: NDArray[np.float32]
     baseline_weight: float
     neighbours: NDArray[np.int64]
+    taken: int
 
 
 def search_arrays(problem: FitnessProblem, views: int) -> SearchArrays:
@@ -76,6 +78,7 @@ def search_arrays(problem: FitnessProblem, views: int) -> SearchArrays:
         baseline=baseline,
         baseline_weight=scale * config.weight_baseline / views,
         neighbours=problem.neighbours,
+        taken=problem.taken,
     )
 
 
@@ -89,53 +92,93 @@ def worth_at(worth: Array, views: float) -> float:
 
 
 @numba.njit(cache=True)
+def gain_of(
+    a: SearchArrays, into: int, chosen: NDArray[np.int64], seen: Array, top: Array, nearest: Array
+) -> float:
+    """Return by how much the fitness grows when ``into`` joins ``chosen`` ``(k,)``.
+
+    ``seen`` ``(S,)``, ``top`` ``(M,)`` and ``nearest`` ``(k,)`` hold the sums of qualities, the
+    best gains and the best neighbours of what is chosen; see ``join``.
+    """
+    value = a.single[into]
+    for s in range(len(seen)):
+        if a.quality[into, s] > 0.0:
+            after = worth_at(a.worth, seen[s] + a.quality[into, s])
+            value += a.cover_weight[s] * (after - worth_at(a.worth, seen[s]))
+    for m in range(len(top)):
+        if a.gain[into, m] > top[m]:
+            value += a.gain_weight[m] * (a.gain[into, m] - top[m])
+    own = 0.0
+    for t in range(len(chosen)):
+        value -= a.overlap[into, chosen[t]]
+        pair = a.baseline[into, chosen[t]]
+        own = max(own, pair)
+        value += a.baseline_weight * max(0.0, pair - nearest[t])
+    return value + a.baseline_weight * own
+
+
+@numba.njit(cache=True)
+def join(
+    a: SearchArrays,
+    into: int,
+    step: int,
+    chosen: NDArray[np.int64],
+    seen: Array,
+    top: Array,
+    nearest: Array,
+) -> None:
+    """Put ``into`` behind the first ``step`` of ``chosen``, and keep the sums up to date."""
+    chosen[step] = into
+    for s in range(len(seen)):
+        seen[s] += a.quality[into, s]
+    for m in range(len(top)):
+        top[m] = max(top[m], a.gain[into, m])
+    for t in range(step):
+        pair = a.baseline[into, chosen[t]]
+        nearest[t] = max(nearest[t], pair)
+        nearest[step] = max(nearest[step], pair)
+
+
+@numba.njit(cache=True)
 def greedy(a: SearchArrays, views: int) -> NDArray[np.int64]:
-    """Return ``views`` candidates, each the one that adds most to those before it.
+    """Return ``views`` candidates: those taken already, then each the one that adds most.
 
     Every candidate is tried in every step: overlap and baseline make the fitness neither monotone
     nor submodular, so that lazy evaluation could skip the right one, and a full pass is cheap.
     """
-    count, samples = a.quality.shape
-    columns = a.gain.shape[1]
+    count = len(a.quality)
     chosen = np.empty(views, np.int64)
-    taken = np.zeros(count, np.bool_)
-    seen = np.zeros(samples)
-    top = np.zeros(columns)
+    joined = np.zeros(count, np.bool_)
+    seen, top = np.zeros(a.quality.shape[1]), np.zeros(a.gain.shape[1])
     nearest = np.zeros(views)
     for step in range(views):
-        best, best_value = -1, -np.inf
-        for into in range(count):
-            if taken[into]:
-                continue
-            value = a.single[into]
-            for s in range(samples):
-                if a.quality[into, s] > 0.0:
-                    after = worth_at(a.worth, seen[s] + a.quality[into, s])
-                    value += a.cover_weight[s] * (after - worth_at(a.worth, seen[s]))
-            for m in range(columns):
-                if a.gain[into, m] > top[m]:
-                    value += a.gain_weight[m] * (a.gain[into, m] - top[m])
-            own = 0.0
-            for t in range(step):
-                other = chosen[t]
-                value -= a.overlap[into, other]
-                pair = a.baseline[into, other]
-                own = max(own, pair)
-                value += a.baseline_weight * max(0.0, pair - nearest[t])
-            value += a.baseline_weight * own
-            if value > best_value:
-                best, best_value = into, value
-        chosen[step] = best
-        taken[best] = True
-        for s in range(samples):
-            seen[s] += a.quality[best, s]
-        for m in range(columns):
-            top[m] = max(top[m], a.gain[best, m])
-        for t in range(step):
-            pair = a.baseline[best, chosen[t]]
-            nearest[t] = max(nearest[t], pair)
-            nearest[step] = max(nearest[step], pair)
+        best, best_value = count - a.taken + step, -np.inf
+        if step >= a.taken:
+            for into in range(count):
+                if not joined[into]:
+                    value = gain_of(a, into, chosen[:step], seen, top, nearest)
+                    if value > best_value:
+                        best, best_value = into, value
+        joined[best] = True
+        join(a, best, step, chosen, seen, top, nearest)
     return chosen
+
+
+@numba.njit(cache=True)
+def gains(a: SearchArrays, chosen: NDArray[np.int64]) -> Array:
+    """Return for each candidate ``(D,)`` what it would add to ``chosen``; NaN for those in it."""
+    count = len(a.quality)
+    seen, top = np.zeros(a.quality.shape[1]), np.zeros(a.gain.shape[1])
+    nearest = np.zeros(len(chosen))
+    copy = np.empty_like(chosen)
+    value = np.zeros(count)
+    for step in range(len(chosen)):
+        join(a, chosen[step], step, copy, seen, top, nearest)
+        value[chosen[step]] = np.nan
+    for into in range(count):
+        if not np.isnan(value[into]):
+            value[into] = gain_of(a, into, copy, seen, top, nearest)
+    return value
 
 
 @numba.njit(cache=True)
@@ -218,7 +261,7 @@ def anneal(
         values: Fitness of the two ``(2,)``.
         temperature: Temperature of the first move.
         cooling: Factor on the temperature after each move.
-        slots: Slot of each move ``(n,)``.
+        slots: Slot of each move ``(n,)``; the slots of pictures taken already do not move.
         targets: Per move ``(n,)``: a candidate to swap in, or minus one minus the number of the
             neighbour to adjust to.
         chances: Uniform numbers ``(n,)`` in [0, 1).

@@ -90,7 +90,8 @@ def proven_optimum(problem: FitnessProblem, views: int, seconds: float) -> Upper
     solved = milp(
         program.cost,
         integrality=whole,
-        bounds=Bounds(0.0, 1.0),
+        # Its types know single numbers only.
+        bounds=Bounds(program.lower, 1.0),  # pyright: ignore[reportArgumentType]
         constraints=[
             LinearConstraint(program.rows, -np.inf, 0.0),
             LinearConstraint(program.total, views, views),
@@ -151,14 +152,16 @@ def _submodular(problem: FitnessProblem, chosen: Chosen, views: int, *, best_vie
 
 
 class _Program(NamedTuple):
-    """min cost x with rows x <= 0, total x = K, 0 <= x <= 1.
+    """min cost x with rows x <= 0, total x = K, lower <= x <= 1.
 
-    x holds x_c of the candidates, then u_si of the ``seen`` samples.
+    x holds x_c of the candidates, then u_si of the ``seen`` samples; ``lower`` is 1 for pictures
+    taken already, else 0.
     """
 
     cost: NDArray[np.float64]
     rows: sparse.csr_array
     total: sparse.csr_array
+    lower: NDArray[np.float64]
     seen: int
 
 
@@ -185,7 +188,9 @@ def _linear_program(problem: FitnessProblem, views: int) -> _Program:
     counted = sparse.kron(sparse.eye_array(len(weight)), np.ones((1, len(increments))))
     rows = sparse.csr_array(sparse.hstack([-sparse.csr_array(quality), counted]))
     total = sparse.csr_array(np.concatenate([np.ones(count), np.zeros(len(cost) - count)])[None, :])
-    return _Program(cost, rows, total, len(weight))
+    lower = np.zeros(len(cost))
+    lower[count - problem.taken : count] = 1.0
+    return _Program(cost, rows, total, lower, len(weight))
 
 
 def _linear_bound(problem: FitnessProblem, views: int) -> float:
@@ -196,7 +201,7 @@ def _linear_bound(problem: FitnessProblem, views: int) -> float:
         b_ub=np.zeros(program.seen),
         A_eq=program.total,
         b_eq=[views],
-        bounds=(0.0, 1.0),
+        bounds=np.stack([program.lower, np.ones_like(program.lower)], axis=1),
         method="highs",
     )
     if not solved.success:

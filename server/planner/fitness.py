@@ -55,6 +55,7 @@ class FitnessProblem:
         overlap_pairs: ``(D, D)`` needless overlap of two candidates, in [0, 1].
         angles_rad: ``(D, D)`` angles between candidates, seen from the object.
         neighbours: ``(D, N)`` indices of each candidate's nearest others.
+        taken: How many candidates, the last ones, are pictures already: part of every choice.
     """
 
     candidates: tuple[Viewpoint, ...]
@@ -70,6 +71,7 @@ class FitnessProblem:
     overlap_pairs: Array
     angles_rad: Array
     neighbours: NDArray[np.int64]
+    taken: int = 0
 
 
 def build_problem(
@@ -80,21 +82,26 @@ def build_problem(
     config: FitnessConfig,
     neighbours: int = 12,
     weigh: Callable[[Array], Array] | None = None,
+    taken: Sequence[Viewpoint] = (),
 ) -> FitnessProblem:
     """Sample the surface of ``seed``, cast the rays and prepare every term.
 
     ``weigh`` tells for points ``(s, 3)`` how many times each counts, beside the operator's wishes.
+    Where pictures were ``taken`` already they join the candidates, at their end.
 
     Raises:
         PlanError: If no candidate sees anything.
     """
     boxes: tuple[Box3, ...] = seed.boxes or (seed.outer,)
     samples = sample_surface(boxes, config.samples)
+    candidates = [*candidates, *taken]
     table = visibility_table(candidates, samples, boxes, intrinsics, tilt_rad, config)
     weights = patch_weights(samples, seed.priorities)
     if weigh is not None:
         weights = weights * weigh(samples.points)
-    return problem_from_table(candidates, samples, table, config, neighbours, weights)
+    return problem_from_table(
+        candidates, samples, table, config, neighbours, weights, taken=len(taken)
+    )
 
 
 def patch_weights(samples: SurfaceSamples, priorities: Sequence[Priority]) -> Array:
@@ -116,10 +123,12 @@ def problem_from_table(
     config: FitnessConfig,
     neighbours: int = 12,
     weights: Array | None = None,
+    taken: int = 0,
 ) -> FitnessProblem:
     """Prepare every term from a ready table; see ``build_problem``.
 
-    ``weights`` ``(S,)`` say how many times each sample counts, None: once.
+    ``weights`` ``(S,)`` say how many times each sample counts, None: once. The last ``taken``
+    candidates are pictures already.
     """
     seeable = table.visible.any(axis=0)
     if not seeable.any():
@@ -149,6 +158,7 @@ def problem_from_table(
         overlap_pairs=_overlap_pairs(angles, table, area_share, config),
         angles_rad=angles,
         neighbours=_nearest(positions, neighbours),
+        taken=taken,
     )
 
 

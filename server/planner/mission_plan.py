@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from server.planner.config import PlannerConfig
 from server.planner.fitness import FitnessProblem, build_problem
 from server.planner.placement import CancelCheck, ProgressReport, place
 from server.planner.policies import POLICIES, SurfaceUncertainty, uncertain_weights
-from server.stages import Assignment, CameraPose, Placement, SeedGeometry
+from server.stages import Assignment, CameraPose, Placement, SeedGeometry, Viewpoint
 
 
 def plan_mission(
@@ -28,8 +28,9 @@ def plan_mission(
     on_progress: ProgressReport | None = None,
     cancelled: CancelCheck | None = None,
     uncertainty: SurfaceUncertainty | None = None,
+    taken: Sequence[Viewpoint] = (),
 ) -> tuple[Placement, Assignment]:
-    """Choose K = drones x rounds viewpoints around ``seed`` and share them out.
+    """Choose drones x rounds viewpoints around ``seed`` and share them out.
 
     Args:
         seed: The object's crude geometry.
@@ -43,6 +44,7 @@ def plan_mission(
         cancelled: Asked as often; True ends the search with the best choice so far.
         uncertainty: How little the field knows of the surface; the policy uncertain needs it and
             without it anneals as if everything were known equally well.
+        taken: Where pictures were taken already; what is chosen adds to them.
 
     Returns:
         The placement, and which drone takes which of its viewpoints in which round. In the
@@ -54,10 +56,10 @@ def plan_mission(
     """
     if not drone_poses or rounds < 1:
         raise ValueError("a mission plan needs at least one drone and one round")
-    problem = placement_problem(seed, intrinsics, tilt_rad, config, uncertainty)
+    problem = placement_problem(seed, intrinsics, tilt_rad, config, uncertainty, taken)
     placement = place(
         problem,
-        len(drone_poses) * rounds,
+        len(taken) + len(drone_poses) * rounds,
         config.annealing,
         np.random.default_rng(seed_value),
         on_progress,
@@ -74,6 +76,7 @@ def placement_problem(
     tilt_rad: float,
     config: PlannerConfig,
     uncertainty: SurfaceUncertainty | None = None,
+    taken: Sequence[Viewpoint] = (),
 ) -> FitnessProblem:
     """Return what ``plan_mission`` chooses by: the candidates around ``seed``, what each sees.
 
@@ -84,6 +87,7 @@ def placement_problem(
     weigh = None
     if config.policy == "uncertain" and uncertainty is not None:
         weigh = partial(uncertain_weights, uncertainty=uncertainty, gain=config.uncertainty_gain)
+    neighbours = config.annealing.neighbours
     return build_problem(
-        seed, candidates, intrinsics, tilt_rad, config.fitness, config.annealing.neighbours, weigh
+        seed, candidates, intrinsics, tilt_rad, config.fitness, neighbours, weigh, taken
     )

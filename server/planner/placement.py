@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from server.planner.annealing import SearchArrays, anneal, greedy, search_arrays
+from server.planner.annealing import SearchArrays, anneal, gains, greedy, search_arrays
 from server.planner.bound import upper_bound
 from server.planner.config import AnnealingConfig
 from server.planner.errors import PlanError
@@ -64,20 +64,25 @@ def place(
 ) -> Placement:
     """Choose ``k`` different candidates of ``problem`` by ``rule``, None: by ``choose``.
 
-    The same problem, ``k``, configuration and state of ``rng`` give the same placement. When
-    ``cancelled`` returns True the best choice so far is returned, without an upper bound.
+    Pictures that are taken already are among the ``k`` and are not placed again. The same problem,
+    ``k``, configuration and state of ``rng`` give the same placement. When ``cancelled`` returns
+    True the best choice so far is returned, without an upper bound.
 
     Raises:
-        ValueError: If ``k`` is less than 1.
-        PlanError: If there are fewer than ``k`` candidates.
+        ValueError: If no viewpoint is left to place.
+        PlanError: If there are too few candidates.
     """
     chosen, stopped = (rule or choose)(problem, k, config, rng, on_progress, cancelled)
     fitness, terms = evaluate(problem, chosen, k)
+    more = gains(search_arrays(problem, k + 1), chosen.astype(np.int64))
+    spare = np.flatnonzero(~np.isnan(more))
     placement = Placement(
-        viewpoints=tuple(problem.candidates[i] for i in chosen),
+        viewpoints=tuple(problem.candidates[i] for i in chosen[problem.taken :]),
         fitness=fitness,
         terms=terms,
-        candidates=len(problem.candidates),
+        candidates=len(problem.candidates) - problem.taken,
+        spare=tuple(problem.candidates[i] for i in spare),
+        spare_gains=more[spare],
     )
     if config.prove and not stopped:
         placement = replace(placement, bound=upper_bound(problem, k).fitness)
@@ -94,13 +99,10 @@ def choose(
 ) -> tuple[NDArray[np.intp], bool]:
     """Return the indices ``(k,)`` of the best choice found, and whether the search was cancelled.
 
-    Arguments and errors are those of ``place``.
+    Those of pictures taken already come first. Arguments and errors are those of ``place``.
     """
+    refuse_impossible(problem, k)
     count = len(problem.candidates)
-    if k < 1:
-        raise ValueError("at least one viewpoint must be placed")
-    if count < k:
-        raise PlanError(f"{k} viewpoints are wanted but only {count} candidates are feasible")
     arrays = search_arrays(problem, k)
     starts = _starts(arrays, k, config, rng)
     best = starts[0].copy()
@@ -130,13 +132,22 @@ def choose(
     return best.astype(np.intp), False
 
 
+def refuse_impossible(problem: FitnessProblem, k: int) -> None:
+    """Raise ValueError if nothing is to be placed, PlanError if there are too few candidates."""
+    wanted, free = k - problem.taken, len(problem.candidates) - problem.taken
+    if wanted < 1:
+        raise ValueError("at least one viewpoint must be placed")
+    if free < wanted:
+        raise PlanError(f"{wanted} viewpoints are wanted but only {free} candidates are feasible")
+
+
 def _starts(
     arrays: SearchArrays, k: int, config: AnnealingConfig, rng: np.random.Generator
 ) -> list[NDArray[np.int64]]:
     """Return where each annealing starts: the first greedily, the others anywhere."""
-    count = len(arrays.quality)
-    anywhere = [rng.choice(count, k, replace=False) for _ in range(config.restarts)]
-    return [greedy(arrays, k), *(start.astype(np.int64) for start in anywhere)]
+    first, free = greedy(arrays, k), len(arrays.quality) - arrays.taken
+    anywhere = [rng.choice(free, k - arrays.taken, replace=False) for _ in range(config.restarts)]
+    return [first, *(np.concatenate([first[: arrays.taken], start]) for start in anywhere)]
 
 
 def _shares(config: AnnealingConfig, *, spare: bool) -> list[int]:
@@ -155,4 +166,4 @@ def _draw_moves(
     swap = rng.integers(0, count, batch)
     adjust = -1 - rng.integers(0, neighbours, batch)
     targets = np.where(rng.random(batch) < config.adjust_share, adjust, swap)
-    return rng.integers(0, k, batch), targets, rng.random(batch)
+    return rng.integers(arrays.taken, k, batch), targets, rng.random(batch)

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.planner.config import AnnealingConfig
-from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem
-from server.planner.placement import CancelCheck, ProgressReport, choose
+from server.planner.placement import CancelCheck, ProgressReport, choose, refuse_impossible
 
 Array = NDArray[np.float64]
 
@@ -54,20 +53,18 @@ def choose_farthest(
 ) -> tuple[NDArray[np.intp], bool]:
     """Choose by farthest-point sampling of directions, from the candidate that sees most.
 
-    Of candidates in the same direction the one that sees most, by area, stands first.
+    Pictures taken already take that one's place. Of candidates in the same direction the one that
+    sees most, by area, stands first.
 
     Raises:
-        ValueError: If ``k`` is less than 1.
-        PlanError: If there are fewer than ``k`` candidates.
+        ValueError: If no viewpoint is left to place.
+        PlanError: If there are too few candidates.
     """
+    refuse_impossible(problem, k)
     count = len(problem.candidates)
-    if k < 1:
-        raise ValueError("at least one viewpoint must be placed")
-    if count < k:
-        raise PlanError(f"{k} viewpoints are wanted but only {count} candidates are feasible")
     seen = problem.table.visible @ problem.area_share
-    chosen = [int(seen.argmax())]
-    nearest_rad = problem.angles_rad[chosen[0]].copy()
+    chosen = list(range(count - problem.taken, count)) or [int(seen.argmax())]
+    nearest_rad = problem.angles_rad[chosen].min(axis=0)
     while len(chosen) < k:
         nearest_rad[chosen] = -1.0
         # A thousandth of the area breaks ties between equal angles and overrules nothing else.

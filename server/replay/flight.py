@@ -219,12 +219,14 @@ class _Flight:
     async def _take_event(self, name: str, fields: dict[str, Any]) -> None:
         match name:
             case "capture_changed":
+                self._planning.wanted = fields["images_total"]
                 await self._enter(fields["phase"])
             case "seed_fitted":
                 self.seeding.fitted(fields["seed"]["views"])
             case "capture_taken":
-                self.seeding.photographed(fields["capture"]["pose"]["drone_id"])
-                self._planning.photographed(self._now_s)
+                drone_id = fields["capture"]["pose"]["drone_id"]
+                self.seeding.photographed(drone_id)
+                self._planning.photographed(drone_id, self._now_s)
             case "plan_found" if self._phase != Phase.PLAN:
                 await self._planning.plan_anew()
             case "priorities_changed":

@@ -39,7 +39,11 @@ class _Outset:
 
 
 class RecordedPlanning:
-    """Plans one recorded flight; plans and warnings go to the events, as in flight."""
+    """Plans one recorded flight; plans and warnings go to the events, as in flight.
+
+    Attributes:
+        wanted: How many pictures are wanted in all, by now.
+    """
 
     def __init__(
         self,
@@ -50,7 +54,7 @@ class RecordedPlanning:
         pilot: Pilot,
         events: EventStream,
     ) -> None:
-        self._request = request
+        self.wanted = request.pictures
         self._fleet = fleet
         self._eyes = eyes
         self._pilot = pilot
@@ -60,7 +64,7 @@ class RecordedPlanning:
         self._priorities = Priorities(drones, pilot, events)
         self._planning = Planning(request, Path(), PromptRunner(), events, config, self._priorities)
         self._parts: dict[str, str | None] = {}  # Own names of the flight's parts; None: refused.
-        self._pictures = 0
+        self._taken: list[CameraPose] = []
         self._between_rounds: _Outset | None = None
 
     def set_parts(self, parts: list[dict[str, Any]], at_s: float) -> None:
@@ -79,19 +83,22 @@ class RecordedPlanning:
     def _mark(self, part: dict[str, Any], at_s: float) -> str | None:
         """Mark a part in what its drone sees now; returns its name, None when it is refused."""
         drone_id, (left, top, right, bottom) = part["drone_id"], part["drawn"]
-        sight = self._eyes[drone_id].sight
-        captured_s = at_s if sight is None else sight.frame.captured_s
-        drawn = (left, top, right, bottom)
+        captured_s, drawn = self._seen_s(drone_id, at_s), (left, top, right, bottom)
         try:
             return self._priorities.add(drone_id, drawn, part["weight"], captured_s).id
         except RefusedError as error:
             self._warn(f"{part['id']} is not marked: {error}", drone_id)
             return None
 
-    def photographed(self, at_s: float) -> None:
+    def photographed(self, drone_id: str, at_s: float) -> None:
         """Note that a picture was taken: after the last of a round the rest may be planned anew."""
-        self._pictures += 1
+        self._taken.append(self._pilot.pose(drone_id, self._seen_s(drone_id, at_s)))
         self._between_rounds = self._outset(at_s)
+
+    def _seen_s(self, drone_id: str, at_s: float) -> float:
+        """Return when the newest picture of a drone was taken, ``at_s`` when there is none."""
+        sight = self._eyes[drone_id].sight
+        return at_s if sight is None else sight.frame.captured_s
 
     async def plan(self, at_s: float) -> None:
         """Plan all rounds."""
@@ -108,12 +115,14 @@ class RecordedPlanning:
         """Plan the rounds that were left after the newest picture."""
         left = self._between_rounds
         if left is not None:
-            await self._planning.rounds_anew(left.seed, left.poses, left.camera, left.rounds)
+            await self._planning.rounds_anew(
+                left.seed, left.poses, left.camera, left.rounds, self._taken
+            )
 
     def _outset(self, at_s: float) -> _Outset | None:
         """Return what a plan made now sets out from, None when nobody flies or knows the object."""
         seed, crew = self._pilot.seed, self._fleet.crew
-        left = self._request.pictures - self._pictures
+        left = self.wanted - len(self._taken)
         if seed is None or not crew or left <= 0:
             return None
         return _Outset(

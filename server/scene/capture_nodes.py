@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from viser import CameraFrustumHandle, LineSegmentsHandle, SceneApi
+from viser import CameraFrustumHandle, LineSegmentsHandle, PointCloudHandle, SceneApi
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
@@ -30,13 +31,16 @@ from server.scene.shapes import (
     picture_from_jpeg,
     placed,
 )
-from server.stages import Assignment, Viewpoint
+from server.stages import Assignment, Placement, Viewpoint
 
 _OUTER: Rgb = (240, 190, 40)
 _UNSURE_SLICE, _SURE_SLICE = np.array([110.0, 95.0, 70.0]), np.array([255.0, 200.0, 100.0])
 _PRIORITY: Rgb = (230, 80, 200)
 _PREVIEW: Rgb = (60, 60, 60)
 _UNKNOWN: Rgb = (150, 150, 150)
+# What a picture more would add, from next to nothing to most: perceptually even, and also told
+# apart where red and green are not.
+_GAIN_SCALE = cv2.COLORMAP_VIRIDIS
 
 
 @dataclass(slots=True)
@@ -64,6 +68,7 @@ class CaptureLayer:
         self._boxes: dict[str, LineSegmentsHandle] = {}
         self._planned: dict[str, _Planned] = {}
         self._ring: list[CameraFrustumHandle] = []
+        self._spare: PointCloudHandle | None = None
         self._shown: Literal["planned", "ring", "both"] = "planned"
         self._pictures: dict[int, CameraFrustumHandle] = {}
         self._preview: CameraFrustumHandle | None = None
@@ -80,8 +85,7 @@ class CaptureLayer:
         nodes = [*self._boxes.values(), *self._pictures.values()]
         nodes += [planned.node for planned in self._planned.values()]
         nodes += self._ring
-        if self._preview is not None:
-            nodes.append(self._preview)
+        nodes += [node for node in (self._preview, self._spare) if node is not None]
         for node in nodes:
             node.visible = False
         self._planned.clear()
@@ -105,6 +109,7 @@ class CaptureLayer:
     def draw_plan(self, event: PlanFound) -> None:
         """Draw the planned viewpoints in their drones' colours, and the ring to compare with.
 
+        The candidates left over are points, the brighter the more a picture from there would add.
         The former plan is hidden.
         """
         for node in (*(planned.node for planned in self._planned.values()), *self._ring):
@@ -115,7 +120,25 @@ class CaptureLayer:
         }
         ring = [] if event.ring is None else self._viewpoints("/ring", event.ring)
         self._ring = [node for *_, node in ring]
+        self._draw_spare(event.placement)
         self._show_chosen()
+
+    def _draw_spare(self, placement: Placement) -> None:
+        if not placement.spare:
+            if self._spare is not None:
+                self._spare.visible = False
+                self._spare = None
+            return
+        gains = placement.spare_gains - placement.spare_gains.min()
+        levels = np.uint8(np.round(255.0 * gains / max(float(gains.max()), 1e-12)))
+        colours_bgr = cv2.applyColorMap(levels.reshape(-1, 1), _GAIN_SCALE).reshape(-1, 3)
+        self._spare = self._scene.add_point_cloud(
+            "/plan/candidates",
+            points=np.array([view.position_world for view in placement.spare], np.float32),
+            colors=np.ascontiguousarray(colours_bgr[:, ::-1]),
+            point_size=self._config.candidate_m,
+            point_shape="circle",
+        )
 
     def choose(self, event: PlanViewChosen) -> None:
         """Show the planned viewpoints, the ring, or both."""
@@ -127,6 +150,8 @@ class CaptureLayer:
             planned.node.visible = self._shown != "ring"
         for node in self._ring:
             node.visible = self._shown != "planned"
+        if self._spare is not None:
+            self._spare.visible = self._shown != "ring"
 
     def _viewpoints(
         self, below: str, assignment: Assignment

@@ -21,6 +21,7 @@ class SceneConfig:
         trail_step_m: A trail grows by steps of this length.
         drone_frustum_m: Size of a drone's camera frustum.
         small_frustum_m: Size of the frusta of planned viewpoints and captured pictures.
+        candidate_m: Diameter of the points that stand for candidates left over.
         preview_frustum_m: Size of the preview's frustum.
         planned_intrinsics: Camera of planned viewpoints.
         planned_tilt_rad: How far the camera of planned viewpoints looks below the horizon.
@@ -37,6 +38,7 @@ class SceneConfig:
     trail_step_m: float = 0.03
     drone_frustum_m: float = 0.25
     small_frustum_m: float = 0.12
+    candidate_m: float = 0.04
     preview_frustum_m: float = 0.4
     planned_intrinsics: Intrinsics = TELLO_INTRINSICS
     planned_tilt_rad: float = TELLO_TILT_RAD
@@ -50,6 +52,7 @@ class SceneConfig:
             "trail_step_m",
             "drone_frustum_m",
             "small_frustum_m",
+            "candidate_m",
             "preview_frustum_m",
         ):
             value = getattr(self, name)

@@ -331,6 +331,13 @@ class FakeMission:
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         return await self._change(capture_id, "paused", "running")
 
+    async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
+        record = self.capture(capture_id)
+        if record.status.state != "running":
+            raise RefusedError(f"it is {record.status.state}")
+        wanted = record.status.images_total + count
+        return self.keep(replace(record.status, images_total=wanted), record.request)
+
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         return await self._change(capture_id, "running", "aborted")
 

@@ -129,8 +129,14 @@ async def test_a_capture_from_start_to_abort(console: Console) -> None:
         shown = (await client.get(location)).json()
         assert shown == started.json()
         assert {"id", "state", "phase", "progress", "eta_s", "run", "error"} <= shown.keys()
+        wanted = shown["images_total"]
+        more = await client.post(location + "/pictures", json={"count": 4})
+        assert more.json()["images_total"] == wanted + 4
+        for senseless in ({}, {"count": 0}, {"count": 1.5}, {"count": 401}, {"counts": 4}):
+            is_problem(await client.post(location + "/pictures", json=senseless), 422)
         assert (await client.post(location + "/pause")).json()["state"] == "paused"
         is_problem(await client.post(location + "/pause"), 409)
+        is_problem(await client.post(location + "/pictures", json={"count": 4}), 409)
         assert (await client.post(location + "/resume")).json()["state"] == "running"
         assert (await client.post(location + "/abort")).json()["state"] == "aborted"
         is_problem(await client.post("/api/v1/captures/run-9/abort"), 404)

@@ -43,7 +43,7 @@ class Rig:
     def __init__(self, turn: float, *, damaged: bool = False, seen: bool = True) -> None:
         first = [view(d, k * np.pi / 2.0) for k, d in enumerate(DRONES)]
         later = {d: view(d, k * np.pi / 2.0 + turn) for k, d in enumerate(DRONES)}
-        self.state = MissionState(DRONES, list(DRONES), Progress.start(1))
+        self.state = MissionState(DRONES, list(DRONES), Progress.start(1), pictures=24)
         self.state.seed = seed_from_views(first, CONFIG)
         self.state.views.extend(first)
         viewpoints = {d: Viewpoint(v.pose.position_world, 0.0) for d, v in later.items()}

@@ -9,6 +9,7 @@ import pytest
 
 from server.planner.annealing import (
     baseline_sum,
+    gains,
     greedy,
     rank_columns,
     search_arrays,
@@ -18,20 +19,35 @@ from server.planner.bound import bound_gap, linear_value, upper_bound
 from server.planner.config import AnnealingConfig
 from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem, evaluate, problem_from_table
-from server.planner.placement import PlanProgress, choose, place
+from server.planner.placement import ChoiceRule, PlanProgress, choose, place
+from server.planner.policies import choose_farthest
 from server.planner.visibility import VisibilityTable
 
 QUICK = AnnealingConfig(swaps=4000, report_every=500)
 
 
-def part_of(problem: FitnessProblem, rows: np.ndarray) -> FitnessProblem:
+def part_of(problem: FitnessProblem, rows: np.ndarray, taken: int = 0) -> FitnessProblem:
     table = problem.table
     return problem_from_table(
         [problem.candidates[i] for i in rows],
         problem.samples,
         VisibilityTable(table.visible[rows], table.detail_px_per_m2[rows], table.agreement[rows]),
         problem.config,
+        taken=taken,
     )
+
+
+@pytest.mark.slow
+def test_one_more_view_adds_what_the_definition_says(dog_problem: FitnessProblem) -> None:
+    rng = np.random.default_rng(5)
+    for views in (1, 4, 12):
+        chosen = rng.choice(len(dog_problem.candidates), views, replace=False).astype(np.int64)
+        found = gains(search_arrays(dog_problem, views + 1), chosen)
+        assert set(np.flatnonzero(np.isnan(found))) == set(chosen)
+        before = evaluate(dog_problem, chosen, views + 1)[0]
+        for into in rng.choice(np.setdiff1d(np.arange(len(found)), chosen), 20):
+            after = evaluate(dog_problem, np.append(chosen, into), views + 1)[0]
+            assert found[into] == pytest.approx(after - before, abs=2e-6)
 
 
 @pytest.mark.slow
@@ -122,6 +138,43 @@ def test_progress_is_reported_and_cancelling_keeps_the_best(dog_problem: Fitness
     assert reports[0].temperature > reports[-1].temperature > 0
     assert reports[-1].fitness >= reports[0].fitness
     assert evaluate(dog_problem, chosen, 6)[0] == pytest.approx(reports[-1].fitness, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rule", [choose, choose_farthest])
+def test_pictures_taken_are_part_of_every_choice(
+    dog_problem: FitnessProblem, rule: ChoiceRule
+) -> None:
+    count = len(dog_problem.candidates)
+    half = np.flatnonzero([view.position_world[0] > 0.0 for view in dog_problem.candidates])
+    done = np.random.default_rng(2).choice(half, 6, replace=False)
+    problem = part_of(dog_problem, np.concatenate([np.arange(count), done]), taken=6)
+    chosen, _ = rule(problem, 10, QUICK, np.random.default_rng(0), None, None)
+    assert sorted(chosen[:6]) == list(range(count, count + 6))
+    # Six pictures of the front have been taken: the back is worth more.
+    new = [problem.candidates[i] for i in chosen[6:]]
+    assert np.mean([view.position_world[0] for view in new]) < 0.0
+    blind, _ = rule(
+        part_of(dog_problem, np.arange(count)), 4, QUICK, np.random.default_rng(0), None, None
+    )
+    together = evaluate(problem, np.concatenate([chosen[:6], blind]), 10)[0]
+    assert evaluate(problem, chosen, 10)[0] > together
+
+
+@pytest.mark.slow
+def test_a_placement_tells_what_one_more_picture_would_add(dog_problem: FitnessProblem) -> None:
+    count = len(dog_problem.candidates)
+    done = np.array([0, 40, 80])
+    problem = part_of(dog_problem, np.concatenate([np.arange(count), done]), taken=3)
+    placement = place(problem, 7, QUICK, np.random.default_rng(0))
+    assert len(placement.viewpoints) == 4
+    assert placement.candidates == count
+    assert len(placement.spare) == len(placement.spare_gains) == count - 4
+    assert placement.bound is not None
+    assert placement.fitness <= placement.bound
+    # Where a picture was taken, one more is worth little.
+    again = [placement.spare.index(v) for v in problem.candidates[-3:] if v in placement.spare]
+    assert placement.spare_gains[again].max() < 0.5 * placement.spare_gains.max()
 
 
 def test_neighbours_are_counted_without_oneself(dog_problem: FitnessProblem) -> None:

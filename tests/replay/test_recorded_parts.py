@@ -89,14 +89,15 @@ async def test_every_plan_asks_for_the_parts_that_stand(monkeypatch: pytest.Monk
     planning.set_parts([whole, below], 1.0)
     rig.pilot.seed = SEED
     await planning.plan(2.0)
-    for _ in range(4):
-        planning.photographed(3.0)
+    for drone_id in AZIMUTHS_DEG:
+        planning.photographed(drone_id, 3.0)
     sliver = part("part-9", "south", 0.0, 0.0, 0.03, 0.03)
     planning.set_parts([below, sliver], 4.0)
     await planning.plan_anew()
     planning.set_parts([], 5.0)
     assert [len(wanted["priorities"]) for wanted in asked] == [2, 1]
     assert [wanted["rounds"] for wanted in asked] == [3, 2]
+    assert [len(wanted["taken"]) for wanted in asked] == [0, 4]
     # A planner that fails is no end: as in flight, the ring is flown, or the old plan.
     assert len([event for event in rig.events.heard if isinstance(event, PlanFound)]) == 1
     warnings = [e.text for e in rig.events.heard if isinstance(e, Noted) and e.level == "warning"]
@@ -113,7 +114,7 @@ async def test_without_a_geometry_there_is_no_plan() -> None:
         CaptureRequest(), CONFIG, rig.fleet, rig.eyes, rig.pilot, rig.events
     )
     await planning.plan(1.0)
-    planning.photographed(2.0)
+    planning.photographed("north", 2.0)
     await planning.plan_anew()
     (told,) = rig.events.heard
     assert isinstance(told, Noted)

@@ -1,4 +1,5 @@
 import {
+  addPictures,
   changeCapture,
   isSignedIn,
   startCapture,
@@ -195,6 +196,16 @@ export class Operator {
       (reason) => words.mission.verbFailed(words.mission[verb], reason),
     );
     if (accepted && verb === "resume") this.#command.take();
+    return accepted;
+  }
+
+  /** Have more pictures taken than was asked for; an alarm when it was refused. */
+  async addPictures(captureId: string, count: number): Promise<boolean> {
+    const accepted = await this.#carryOut(
+      () => addPictures(captureId, count),
+      (reason) => words.plan.more.failed(reason),
+    );
+    if (accepted) this.#command.take();
     return accepted;
   }
 

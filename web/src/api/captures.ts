@@ -26,6 +26,11 @@ export async function changeCapture(captureId: string, verb: CaptureVerb): Promi
   await request("POST", `/captures/${encodeURIComponent(captureId)}/${verb}`);
 }
 
+/** @throws RequestError when it is refused (its drones are on their way down) or not answered. */
+export async function addPictures(captureId: string, count: number): Promise<void> {
+  await request("POST", `/captures/${encodeURIComponent(captureId)}/pictures`, { count });
+}
+
 /** Return false when the server does not know this browser; true when it does or is silent. */
 export async function isSignedIn(): Promise<boolean> {
   try {

@@ -6,6 +6,7 @@ import { Panel } from "../design/Panel";
 import { drainPerS } from "../state/history";
 import { isActive } from "../state/state";
 import { words } from "../text/words";
+import { MoreViews } from "./MoreViews";
 import { flightLeftS, nearestM, routes } from "./route";
 
 /** What was chosen, how good it is, and what it costs in time and battery. */
@@ -50,6 +51,7 @@ function Facts({ plan }: { readonly plan: Plan }) {
       </dl>
       {weighed && <Terms terms={plan.terms} />}
       <Costs plan={plan} />
+      <MoreViews />
     </>
   );
 }

@@ -449,6 +449,13 @@ export const de: Catalogue = {
     noAnnealing: "Die Kurve erscheint, während ein Plan entsteht.",
     above: "Von oben",
     aboveShows: (views) => `${views} Standpunkte um das Objekt, von oben gesehen`,
+    more: {
+      label: "Bilder mehr",
+      add: "Die besten nächsten hinzunehmen",
+      hint: "Gewählt nach dieser Runde, neben dem, was aufgenommen und geplant ist. Punkte in der Szene: je heller, desto mehr brächte ein Bild von dort.",
+      bounds: (most) => `Eine ganze Zahl von 1 bis ${most}.`,
+      failed: (reason) => `Es kamen keine Bilder hinzu: ${reason}`,
+    },
     viewpoints: "Standpunkte",
     azimuth: "Azimut",
     distance: "Abstand",

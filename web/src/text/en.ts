@@ -453,6 +453,13 @@ export const en = {
     noAnnealing: "The curve appears while a plan is made.",
     above: "From above",
     aboveShows: (views: number) => `${views} viewpoints around the object, seen from above`,
+    more: {
+      label: "Pictures more",
+      add: "Add the best next views",
+      hint: "Chosen beside what is taken and planned, after this round. Points in the scene: the brighter, the more a picture from there would add.",
+      bounds: (most: number) => `A whole number from 1 to ${most}.`,
+      failed: (reason: string) => `No pictures were added: ${reason}`,
+    },
     viewpoints: "Viewpoints",
     azimuth: "Azimuth",
     distance: "Distance",
