@@ -43,7 +43,7 @@ class Rig:
     def __init__(self, turn: float, *, damaged: bool = False, seen: bool = True) -> None:
         first = [view(d, k * np.pi / 2.0) for k, d in enumerate(DRONES)]
         later = {d: view(d, k * np.pi / 2.0 + turn) for k, d in enumerate(DRONES)}
-        self.state = MissionState(DRONES, list(DRONES), Progress.start(1), pictures=24)
+        self.state = MissionState(DRONES, list(DRONES), Progress.start(1), pictures=4)
         self.state.seed = seed_from_views(first, CONFIG)
         self.state.views.extend(first)
         viewpoints = {d: Viewpoint(v.pose.position_world, 0.0) for d, v in later.items()}
@@ -73,7 +73,7 @@ class Rig:
             config=SimpleNamespace(mission=None, vision=SimpleNamespace(seed=CONFIG)),
             photographer=photographer,
         )
-        request = SimpleNamespace(pictures=4, train_seconds=0)
+        request = SimpleNamespace(train_seconds=0)
         self.steps = Steps(cast(Any, request), self.state, cast(Any, tools))
 
     async def capture(self) -> list[SeedFitted]:
