@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse, PlainTextResponse, Response
@@ -59,6 +61,12 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
         "counter",
         "Processor time of this process, all its threads.",
         [({}, time.process_time())],
+    )
+    yield from _family(
+        "process_resident_memory_bytes", "gauge", "Memory in use.", _of_process(_resident_bytes)
+    )
+    yield from _family(
+        "process_open_fds", "gauge", "Open file descriptors.", _of_process(_open_descriptors)
     )
     drones = mission.drones()
     gauges = {
@@ -162,6 +170,23 @@ def _video_lines(video: VideoCounts) -> Iterable[str]:
     yield from _family(name, "summary", text, [({"quantile": f"{q:g}"}, s) for q, s in quantiles])
     yield f"{name}_sum {video.latency_sum_s:.12g}"
     yield f"{name}_count {video.latencies}"
+
+
+def _of_process(read: Callable[[], float]) -> list[tuple[dict[str, str], float]]:
+    """Return one sample, or none where the system does not tell."""
+    try:
+        return [({}, read())]
+    except (OSError, ValueError):
+        return []
+
+
+def _resident_bytes() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return float(pages * os.sysconf("SC_PAGE_SIZE"))
+
+
+def _open_descriptors() -> float:
+    return float(len(os.listdir("/proc/self/fd")))
 
 
 def _family(

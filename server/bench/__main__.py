@@ -15,6 +15,7 @@ from server.sim.scenes.catalogue import SCENES, load_object
 
 # By name, so that a bench loads only what it measures.
 _BENCHES = {
+    "load": "server.bench.load",
     "nerf": "server.bench.nerf",
     "planner": "server.bench.planner",
     "poses": "server.bench.poses",

@@ -11,7 +11,6 @@ all of a whole run, and in a quick one those of the warm-up, too.
 from __future__ import annotations
 
 import asyncio
-import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -20,12 +19,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from websockets.asyncio.client import ClientConnection, connect
-
 from server.app import free_loopback_block
 from server.bench.console_process import ServedConsole, command, served_console, until_activity
 from server.bench.options import Figures, Options, each_scene
 from server.bench.video_streams import Stream, hovering_stream, next_key
+from server.bench.viewer import Viewer
 from server.sim.config import SimConfig
 from server.sim.drone import SimulatedDrone
 from server.sim.scenes.catalogue import SCENES
@@ -96,7 +94,7 @@ async def _measure(
         for drone in drones:
             await stack.enter_async_context(drone)
         console = await stack.enter_async_context(served_console(config, folder, _SETTINGS))
-        client = await stack.enter_async_context(_Client(console))
+        client = await stack.enter_async_context(Viewer(console.address, console.headers))
         await until_activity(console.client, "ground", _DRONES)
         sender = _Sender(drones, streams)
         warm_up = asyncio.create_task(sender.send(_START_S))
@@ -235,48 +233,3 @@ def readings_from_metrics(text: str) -> _Readings:
         annotated=round(totals.get("dronerf_video_pictures_annotated_total", 0.0)),
         latency_s=latency_s,
     )
-
-
-class _Client:
-    """The one client: takes every tile and says that it has shown it; an async context manager.
-
-    Attributes:
-        tiles: Pictures received.
-        tile_bytes: Their bytes, headers included.
-        newest: The newest JPEG of each drone.
-    """
-
-    def __init__(self, console: ServedConsole) -> None:
-        self.tiles = 0
-        self.tile_bytes = 0
-        self.newest: dict[str, bytes] = {}
-        self._url = console.address.replace("http", "ws", 1) + "/api/v1/stream"
-        self._headers = console.headers
-        self._socket: ClientConnection | None = None
-        self._taking: asyncio.Task[None] | None = None
-
-    async def __aenter__(self) -> _Client:
-        self._socket = await connect(
-            self._url, additional_headers=self._headers, proxy=None, compression=None
-        )
-        self._taking = asyncio.create_task(self._take(self._socket), name="client")
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        if self._taking is not None:
-            self._taking.cancel()
-            await asyncio.gather(self._taking, return_exceptions=True)
-        if self._socket is not None:
-            await self._socket.close()
-
-    async def _take(self, socket: ClientConnection) -> None:
-        async for message in socket:
-            if isinstance(message, str):
-                continue
-            end = 4 + int.from_bytes(message[:4])
-            header = json.loads(message[4:end])
-            self.tiles += 1
-            self.tile_bytes += len(message)
-            self.newest[header["drone_id"]] = message[end:]
-            shown = {"drone_id": header["drone_id"], "sequence": header["sequence"]}
-            await socket.send(json.dumps({"type": "tile_shown"} | shown))

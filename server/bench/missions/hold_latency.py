@@ -12,46 +12,20 @@ import json
 import math
 import os
 import tempfile
-import time
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import cv2
-import httpx
 import numpy as np
 
-from server.app import free_loopback_block
-from server.bench.console_process import command, served_console, until_activity
+from server.bench.hovering_fleet import hold_figures, hovering_fleet
 from server.geometry.cameras import TELLO_INTRINSICS
 from server.geometry.poses import look_at
 from server.jobs.local import LocalRunner
 from server.jobs.spec import JobSpec
 from server.nerf.dataset import PosedFile, write_transforms
-from server.sim.config import SimConfig
-from server.sim.drone import SimulatedDrone
-from server.sim.encoder import VideoEncoder
-from server.sim.tello import Outgoing, Sender, Tello
-
-_FPS = 10.0
-_LATEST_S = 5.0
-# The drones hover before pictures of no object: not seeing it must not land them here.
-_WITHOUT_OBJECT = "[safety.failsafes]\nobject_age_s = {}\npose_sigma_m = {}\n"
-
-
-class _HoldHearing(Tello):
-    """A drone that notes when it is told to stop."""
-
-    def __init__(self, config: SimConfig, index: int) -> None:
-        super().__init__(config, index)
-        self.stopped_s = -math.inf
-
-    def receive(self, datagram: bytes, sender: Sender, now_s: float) -> list[Outgoing]:
-        """Take one datagram."""
-        if datagram == b"stop":
-            self.stopped_s = max(self.stopped_s, time.monotonic())
-        return super().receive(datagram, sender, now_s)
 
 
 def measure_hold(presses: int) -> dict[str, Any]:
@@ -61,71 +35,10 @@ def measure_hold(presses: int) -> dict[str, Any]:
 
 
 async def _measure(presses: int, folder: Path) -> dict[str, Any]:
-    config = SimConfig(base_address=free_loopback_block(4))
-    tellos = [_HoldHearing(config, index) for index in range(config.drones)]
-    async with AsyncExitStack() as stack:
-        drones = [SimulatedDrone(config, index) for index in range(config.drones)]
-        for drone, tello in zip(drones, tellos, strict=True):
-            drone.tello = tello
-            await stack.enter_async_context(drone)
-        served = served_console(config, folder, _WITHOUT_OBJECT)
-        client = (await stack.enter_async_context(served)).client
-        await until_activity(client, "ground", len(drones))
-        video = asyncio.create_task(_stream(drones))
-        stack.callback(video.cancel)
-        for drone in drones:
-            await command(client, drone.drone_id, "takeoff")
-        await until_activity(client, "flying", len(drones))
-        await stack.enter_async_context(_load(folder))
-        took_ms = [await _press(client, tellos) for _ in range(presses)]
+    async with hovering_fleet(folder) as fleet, _load(folder):
+        took_ms = [await fleet.press_hold() for _ in range(presses)]
         load = os.getloadavg()[0]
-        await client.post("/api/v1/fleet/land")
-    late = sum(math.isinf(ms) for ms in took_ms)
-    arrived = [ms for ms in took_ms if math.isfinite(ms)]
-    return {
-        "presses": presses,
-        "never_arrived": late,
-        "p50": round(float(np.percentile(arrived, 50)), 1),
-        "p99": round(float(np.percentile(arrived, 99)), 1),
-        "max": round(max(arrived), 1),
-        "load_1min": round(load, 1),
-    }
-
-
-async def _press(client: httpx.AsyncClient, tellos: list[_HoldHearing]) -> float:
-    """Press HOLD, wait for the last drone to hear of it, re-arm; returns milliseconds."""
-    pressed_s = time.monotonic()
-    await client.post("/api/v1/fleet/hold")
-    while min(tello.stopped_s for tello in tellos) < pressed_s:
-        if time.monotonic() - pressed_s > _LATEST_S:
-            return math.inf
-        await asyncio.sleep(0.001)
-    # The first ``stop`` of each burst counts, so it is looked for before the repeats are over.
-    heard_s = max(tello.stopped_s for tello in tellos)
-    await asyncio.sleep(0.5)
-    for tello in tellos:
-        await command(client, tello.drone_id, "rearm")
-    await asyncio.sleep(0.05)
-    return 1000.0 * (heard_s - pressed_s)
-
-
-async def _stream(drones: list[SimulatedDrone]) -> None:
-    """Send every drone the same video: a blob that moves over a floor."""
-    camera = TELLO_INTRINSICS
-    encoder = VideoEncoder(camera.width, camera.height, _FPS, 4000)
-    noise = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3), np.uint8)
-    floor = cv2.GaussianBlur(noise, (0, 0), 6.0)
-    begun_s, count = time.monotonic(), 0
-    while True:
-        picture = floor.copy()
-        cv2.circle(picture, (480 + round(200 * math.sin(0.1 * count)), 380), 130, (40, 40, 220), -1)
-        image = np.asarray(picture, np.uint8)
-        coded = await asyncio.to_thread(encoder.encode, image, count / _FPS)
-        for drone in drones:
-            if drone.wants_pictures:
-                drone.send_video(coded)
-        count += 1
-        await asyncio.sleep(max(0.0, begun_s + count / _FPS - time.monotonic()))
+    return hold_figures(took_ms) | {"load_1min": round(load, 1)}
 
 
 @asynccontextmanager
