@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 from fastapi import Header
@@ -15,13 +16,14 @@ from server.api.messages import (
     AskCommand,
     Heartbeat,
     ReleaseCommand,
+    Steer,
     TakeCommand,
 )
 from server.api.problems import ProblemError
-from server.mission.commands import MissionControl
+from server.mission.commands import MissionControl, RefusedError, Sticks, UnknownError
 from server.mission.events import CommandChanged
 
-CommandMessage = Heartbeat | ReleaseCommand | TakeCommand | AskCommand | AnswerCommand
+CommandMessage = Heartbeat | ReleaseCommand | TakeCommand | AskCommand | AnswerCommand | Steer
 _LOOK_S = 1.0
 
 
@@ -64,7 +66,18 @@ class CommandDesk:
                 self._lease.ask(client)
             case AnswerCommand(grant=grant):
                 self._lease.answer(client, grant, now_s)
+            case Steer():
+                self._steer(message, now_s)
         self._tell()
+
+    def _steer(self, message: Steer, now_s: float) -> None:
+        """Hand on the sticks of who is in command; they may come a moment after they count."""
+        if not message.client or not self._lease.renew(message.client, now_s):
+            return
+        self._mission.note_operator()
+        sticks = Sticks(message.forward, message.left, message.up, message.turn)
+        with suppress(UnknownError, RefusedError):
+            self._mission.steer(message.drone_id, sticks)
 
     def _speaks_for_all(self, client: str) -> bool:
         """Return whether a program that names no browser counts: only while no browser flies."""

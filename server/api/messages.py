@@ -326,8 +326,34 @@ class AnswerCommand(_Message):
     grant: bool
 
 
+Push = Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)]
+
+
+class Steer(_Message):
+    """How the sticks of a drone flown by hand are pushed, sent ten times a second.
+
+    Counts only from the browser in command, for a drone that flies and while no capture does.
+    Without the next one the drone hovers: a line that is cut is a hand taken away.
+    """
+
+    type: Literal["steer"] = "steer"
+    client: Client
+    drone_id: str
+    forward: Push
+    left: Push
+    up: Push
+    turn: Push
+
+
 ClientMessage = Annotated[
-    ShowTiles | TileShown | Heartbeat | ReleaseCommand | TakeCommand | AskCommand | AnswerCommand,
+    ShowTiles
+    | TileShown
+    | Heartbeat
+    | ReleaseCommand
+    | TakeCommand
+    | AskCommand
+    | AnswerCommand
+    | Steer,
     Field(discriminator="type"),
 ]
 

@@ -96,6 +96,23 @@ class CaptureRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class Sticks:
+    """How somebody pushes the sticks of a drone flown by hand, each from -1 to 1.
+
+    Attributes:
+        forward: To where the drone looks.
+        left: To its left.
+        up: Upwards.
+        turn: To the left, seen from above counter-clockwise.
+    """
+
+    forward: float
+    left: float
+    up: float
+    turn: float
+
+
+@dataclass(frozen=True, slots=True)
 class StartPlace:
     """Where a drone is set down before a flight.
 
@@ -165,6 +182,15 @@ class MissionControl(Protocol):
 
     async def command_drone(self, drone_id: str, command: DroneCommand) -> None:
         """Carry out one drone's command; raises UnknownError or RefusedError."""
+        ...
+
+    def steer(self, drone_id: str, sticks: Sticks) -> None:
+        """Fly a drone by hand for a moment; silence lets it hover.
+
+        Raises:
+            UnknownError: If there is no such drone.
+            RefusedError: If it does not fly, or a capture flies it.
+        """
         ...
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:

@@ -30,6 +30,9 @@ class MissionConfig:
         keyframe_m: A key frame is saved after each such move of a camera.
         keyframe_rad: Or after each such turn.
         grounded_timeout_s: How long a capture whose drones have all landed waits to be resumed.
+        manual_speed_m_s: How fast a drone flown by hand goes with its sticks at their ends.
+        manual_turn_rad_s: How fast it turns then.
+        manual_keep_s: Without fresh sticks for so long it hovers.
     """
 
     control_rate_hz: float = 15.0
@@ -47,6 +50,9 @@ class MissionConfig:
     keyframe_m: float = 0.45
     keyframe_rad: float = 0.3
     grounded_timeout_s: float = 1800.0
+    manual_speed_m_s: float = 0.4
+    manual_turn_rad_s: float = 0.6
+    manual_keep_s: float = 0.4
 
     def __post_init__(self) -> None:
         for entry in fields(self):

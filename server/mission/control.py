@@ -33,6 +33,7 @@ from server.mission.commands import (
     FloorPlan,
     PointedPlace,
     RefusedError,
+    Sticks,
     StopCommand,
     UnknownError,
 )
@@ -375,6 +376,16 @@ class Control:
                 self._pilot.place_at_start(drone_id)
                 self.events.publish(Noted("info", "Take-off ordered.", drone_id))
                 await drone.take_off()
+
+    def steer(self, drone_id: str, sticks: Sticks) -> None:
+        """Fly a drone by hand for a moment; raises UnknownError or RefusedError."""
+        self._eye(drone_id)
+        if self._flying_mission():
+            raise RefusedError("a capture is running; it flies the drones")
+        self._refuse_if_broken()
+        if self._fleet.drones[drone_id].activity != "flying":
+            raise RefusedError(f"{drone_id} does not fly")
+        self._pilot.steer(drone_id, sticks)
 
     async def start_capture(self, request: CaptureRequest) -> CaptureRecord:
         """Begin a capture; raises RefusedError (one at a time) or ValueError (bad numbers)."""

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from server.geometry.axes import wrap_angle
 from server.geometry.boxes import Box3
+from server.mission.commands import Sticks
 from server.mission.config import FlightConfig
 from server.mission.events import DroneReported, EventStream, PoseEstimated
 from server.mission.eyes import Eye
 from server.mission.whereabouts import turned
-from server.mission.wing import Centre, Fly, Trim, Wing
+from server.mission.wing import Centre, Fly, Steered, Trim, Wing, within
 from server.planner.avoidance import Agent, Obstacle, agent_from_pose, avoid
 from server.planner.errors import PlanError
 from server.planner.ring import facing
@@ -134,6 +135,19 @@ class Pilot:
         camera = wing.drone.config.intrinsics
         wing.tracker.reset()
         wing.goal = Trim(viewpoint, wanted_view(self.seed, viewpoint, camera, wing.tilt_rad))
+
+    def steer(self, drone_id: str, sticks: Sticks) -> None:
+        """Want the drone to fly as ``sticks`` say, until the next ones or until they are too old.
+
+        It is a wish like any other: avoidance, fence, standoff and the coasting rule hold.
+        """
+        config = self._config.mission
+        pushed = np.array([sticks.forward, sticks.left, sticks.up])
+        self._wings[drone_id].goal = Steered(
+            config.manual_speed_m_s * within(pushed, 1.0),
+            config.manual_turn_rad_s * sticks.turn,
+            asyncio.get_running_loop().time() + config.manual_keep_s,
+        )
 
     def release(self, drones: list[str]) -> None:
         """Want nothing any more."""
@@ -344,6 +358,10 @@ class Pilot:
                     box = None
                 setpoint = wing.tracker.update(box, pose, wanted, self._dt_s)
                 return turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
+            case Steered(velocity, yaw_rate, until_s):
+                if now_s > until_s:
+                    return np.zeros(3), 0.0
+                return turned(velocity, pose.yaw_rad), yaw_rate
             case None:
                 # Keep looking at the object: it bounds the drift of the believed pose.
                 bearing = target.centre[:2] - pose.position_world[:2]

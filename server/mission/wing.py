@@ -79,6 +79,21 @@ class Trim:
     wanted: WantedView
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Steered:
+    """Fly as somebody's sticks said last; once they are silent, hover.
+
+    Attributes:
+        velocity_m_s: Body FLU velocity ``(3,)``.
+        yaw_rate_rad_s: Yaw rate, counter-clockwise positive.
+        until_s: When these sticks are too old.
+    """
+
+    velocity_m_s: Array
+    yaw_rate_rad_s: float
+    until_s: float
+
+
 class Wing:
     """One drone with its beliefs and its goal.
 
@@ -104,7 +119,7 @@ class Wing:
         self.eye = eye
         self.start = start
         self.tilt_rad = float(np.deg2rad(drone.config.tilt_deg))
-        self.goal: Centre | Fly | Trim | None = None
+        self.goal: Centre | Fly | Trim | Steered | None = None
         self.radius_m = float(np.hypot(*start.position_world[:2]))
         self.tracker = BoxTracker(config.planner.tracking)
         self.flown = False

@@ -25,6 +25,7 @@ from server.mission.commands import (
     PointedPlace,
     RefusedError,
     StartPlace,
+    Sticks,
     UnknownError,
 )
 from server.mission.config import MissionConfig
@@ -330,6 +331,10 @@ class FakeMission:
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         return await self._change(capture_id, "paused", "running")
+
+    def steer(self, drone_id: str, sticks: Sticks) -> None:
+        self._check(drone_id)
+        self.calls.append(("steer", (drone_id, sticks)))
 
     async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
         record = self.capture(capture_id)

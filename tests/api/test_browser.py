@@ -23,6 +23,7 @@ from served_console import TOKEN, Console, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
+from server.mission.commands import Sticks
 from server.mission.events import EventStream, PoseEstimated
 from server.scene.scene import SceneView
 from server.stages import CameraPose
@@ -297,3 +298,37 @@ async def test_pages_obey_their_own_policy_and_find_everything(
         assert "unsafe" not in policy["content-security-policy"]
     assert refused == []
     assert missing == []
+
+
+@built
+async def test_a_drone_is_flown_by_hand_as_long_as_a_key_is_held(
+    tmp_path: Path, page: Page
+) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        calls = console.mission.calls
+        await dashboard(console, page)
+        await page.keyboard.press("w")
+        await page.get_by_test_id("manual-drone-2").click()
+        assert calls == []
+        await page.keyboard.down("w")
+        await page.keyboard.down("q")
+        await until(lambda: len(calls) > 5)
+        assert calls[-1] == ("steer", ("drone-2", Sticks(1.0, 0.0, 0.0, 1.0)))
+        await page.keyboard.up("q")
+        await page.keyboard.up("w")
+        neutral = ("steer", ("drone-2", Sticks(0.0, 0.0, 0.0, 0.0)))
+        await until(lambda: calls[-1] == neutral)
+        said = len(calls)
+        # A button is held by the mouse; the space bar stops all, whatever is held.
+        button = page.get_by_role("button", name="Back")
+        await button.hover()
+        await page.mouse.down()
+        await until(lambda: calls[-1] == ("steer", ("drone-2", Sticks(-1.0, 0.0, 0.0, 0.0))))
+        await page.keyboard.press("Space")
+        await until(lambda: console.stops.calls == [("hold", None)])
+        await page.mouse.up()
+        await until(lambda: calls[-1] == neutral)
+        assert len(calls) > said
+        # A capture that begins takes the sticks away.
+        console.mission.events.publish(capture_changed("run-7"))
+        await expect(page.get_by_test_id("manual-drone-2")).to_have_count(0)

@@ -17,6 +17,7 @@ import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
 import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
+import type { Sticks } from "./manual/sticks";
 import type { Place, ShareBox } from "./pick/box";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
@@ -197,6 +198,12 @@ export class Operator {
     );
     if (accepted && verb === "resume") this.#command.take();
     return accepted;
+  }
+
+  /** Push a drone's sticks; lost with the line, as it should be. */
+  steer(droneId: string, sticks: Sticks): void {
+    if (!this.store.get().inCommand) this.#command.take();
+    this.#stream.steer(droneId, sticks);
   }
 
   /** Have more pictures taken than was asked for; an alarm when it was refused. */

@@ -31,6 +31,14 @@ const PATHS = {
   trash: "M3 4.5h10 M6.2 4.5V2.8h3.6v1.7 M4.4 4.5l.7 9h5.8l.7-9 M6.8 7v4 M9.2 7v4",
   clock: "M8 1.8a6.2 6.2 0 1 0 0 12.4A6.2 6.2 0 0 0 8 1.8 M8 4.6V8l2.4 1.6",
   curve: "M2 2.5v11h12 M4.5 11c1.5-5 4-6 8.5-6.6",
+  forward: "M8 13V3 M4 7l4-4 4 4",
+  back: "M8 3v10 M4 9l4 4 4-4",
+  left: "M13 8H3 M7 4 3 8l4 4",
+  right: "M3 8h10 M9 4l4 4-4 4",
+  up: "M8 12.5v-7 M4.5 8.6 8 5.2l3.5 3.4 M3 2.5h10",
+  down: "M8 3.5v7 M4.5 7.4 8 10.8l3.5-3.4 M3 13.5h10",
+  turnLeft: "M3.2 8a5 5 0 1 0 1.6-3.7 M2.8 1.8v3h3",
+  turnRight: "M12.8 8a5 5 0 1 1-1.6-3.7 M13.2 1.8v3h-3",
 } as const;
 
 export type IconName = keyof typeof PATHS;

@@ -1,6 +1,7 @@
 import type { CaptureRequest } from "../api/captures";
 import { FailsafePanel } from "../failsafe/FailsafePanel";
 import { EventLog } from "../log/EventLog";
+import { ManualPanel } from "../manual/ManualPanel";
 import { MissionPanel } from "../mission/MissionPanel";
 import { FlyPanel } from "./FlyPanel";
 import { HistoryPanel } from "./HistoryPanel";
@@ -19,6 +20,7 @@ export function FlyScreen({ onPrepare }: { readonly onPrepare: (request: Capture
       </div>
       <div className="column column-mission">
         <MissionPanel onPrepare={onPrepare} />
+        <ManualPanel />
       </div>
     </>
   );

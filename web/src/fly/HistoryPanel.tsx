@@ -67,7 +67,7 @@ export function HistoryPanel() {
           cursor: { y: false, points: { size: 6 } },
           padding: [8, 1.6 * letterPx, 0, 0],
           scales: {
-            x: { time: false, range: (_, least, most) => [Math.min(least, -60), most] },
+            x: { time: false, range: (_, least) => [Math.min(least, -60), 0] },
             y: { range: (_, least, most) => spread(least, most, quantity) },
           },
           axes: [

@@ -263,6 +263,17 @@ export interface AnswerCommand {
   readonly grant: boolean;
 }
 
+/** How the sticks of a drone flown by hand are pushed, sent ten times a second. Counts only from the browser in command, for a drone that flies and while no capture does. Without the next one the drone hovers: a line that is cut is a hand taken away. */
+export interface Steer {
+  readonly type: "steer";
+  readonly client: string;
+  readonly drone_id: string;
+  readonly forward: number;
+  readonly left: number;
+  readonly up: number;
+  readonly turn: number;
+}
+
 export type ClientMessage =
   | ShowTiles
   | TileShown
@@ -270,7 +281,8 @@ export type ClientMessage =
   | ReleaseCommand
   | TakeCommand
   | AskCommand
-  | AnswerCommand;
+  | AnswerCommand
+  | Steer;
 
 /** The header of a binary message; ``age_s`` is the picture's age when it was sent. */
 export interface TileHeader {

@@ -1,5 +1,6 @@
 import { BASE } from "../api/base";
 import { clientId } from "../api/client";
+import type { Sticks } from "../manual/sticks";
 import type { ClientMessage, ServerMessage } from "./messages.gen";
 import { parseMessage } from "./parse";
 import { parseTile, TileError, type Tile } from "./tile";
@@ -73,6 +74,11 @@ export class ConsoleStream {
   /** Tell the server that the operator in command is there; lost with the line, as it should be. */
   sendHeartbeat(): void {
     this.#send({ type: "heartbeat", client: clientId });
+  }
+
+  /** Push a drone's sticks; lost with the line, as it should be. */
+  steer(droneId: string, sticks: Sticks): void {
+    this.#send({ type: "steer", client: clientId, drone_id: droneId, ...sticks });
   }
 
   /** Take leave of the flight; false when there is no line to say it on. */
