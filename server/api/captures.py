@@ -23,6 +23,7 @@ from server.mission.commands import (
     Mode,
     RefusedError,
 )
+from server.mission.events import FieldView
 
 _PREFIX = "/api/v1/captures"
 # What people call a capture becomes part of a folder's name: no separators, no control characters.
@@ -64,6 +65,20 @@ class MorePictures(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     count: Annotated[int, Field(strict=True, ge=1, le=MOST_PICTURES), WHOLE]
+
+
+class FieldViewWish(BaseModel):
+    """Where to see the field from while it is trained.
+
+    ``azimuth_rad`` is counter-clockwise from the world's +X about the object's middle,
+    ``elevation_rad`` above it, ``distance`` a share of the pictures' median distance.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    azimuth_rad: Number = Field(ge=-1e4, le=1e4)
+    elevation_rad: Number = Field(ge=-1.5, le=1.5)
+    distance: Number = Field(default=1.0, ge=0.2, le=4.0)
 
 
 class CaptureView(BaseModel):
@@ -216,6 +231,29 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
         record = await mission.add_pictures(capture_id, more.count)
         desk.note_flight(client)
         return view_from_record(record)
+
+    @router.put(
+        "/{capture_id}/view",
+        operation_id="viewField",
+        status_code=204,
+        responses=described(404, 409, 422),
+    )
+    async def view_field(capture_id: str, wish: FieldViewWish) -> Response:
+        """See the field from here while it is trained; all who watch see the same."""
+        view = FieldView(wish.azimuth_rad, wish.elevation_rad, wish.distance)
+        await mission.view_field(capture_id, view)
+        return Response(status_code=204)
+
+    @router.delete(
+        "/{capture_id}/view",
+        operation_id="orbitField",
+        status_code=204,
+        responses=described(404, 409),
+    )
+    async def orbit_field(capture_id: str) -> Response:
+        """Let the view go round the object again."""
+        await mission.view_field(capture_id, None)
+        return Response(status_code=204)
 
     @router.post("/{capture_id}/abort", operation_id="abortCapture", responses=described(404, 409))
     async def abort_capture(capture_id: str) -> CaptureView:

@@ -134,11 +134,17 @@ class PosesReport(_Message):
 
 
 class PreviewReport(_Message):
-    """The newest rendering of the field, as a data URL."""
+    """The newest rendering of the field, as a data URL, and where it was seen from.
+
+    Azimuth and elevation are about the object's middle, the distance is a share of the pictures'.
+    """
 
     type: Literal["preview_rendered"] = "preview_rendered"
     at: str
     image: str
+    azimuth_rad: float
+    elevation_rad: float
+    distance: float
 
 
 class MetricsReport(_Message):

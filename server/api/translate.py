@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+from dataclasses import asdict
 from datetime import datetime
 from typing import Literal, assert_never, cast
 
@@ -69,7 +70,9 @@ def message_from_event(event: Event) -> BaseModel | None:
                 unrefined=[index for index, done in enumerate(event.refined) if not done],
             )
         case PreviewRendered():
-            return messages.PreviewReport(at=_iso(event.at), image=_data_url(event.jpeg))
+            return messages.PreviewReport(
+                at=_iso(event.at), image=_data_url(event.jpeg), **asdict(event.view)
+            )
         case MetricsMeasured():
             return _metrics(event)
         case FailsafeFired():

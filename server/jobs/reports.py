@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.jobs.spec import Reporting
+from server.jobs.wanted_view import WantedView
 from server.jobs.worker import Reporter
 from server.nerf.metrics import psnr_db
 from server.nerf.preview import render_preview
@@ -21,6 +22,8 @@ _REPORT_S = 1.0
 _PREVIEW_S = 4.0
 _SCORE_S = 8.0
 _ORBIT_S = 40.0
+# Of the time at most this share goes into previews that somebody asks for one after the other.
+_SHOWN_SHARE = 0.3
 # The curve's held-out figure is taken on small renderings; the final figures are not.
 _SCORE_SCALE = 0.25
 
@@ -90,6 +93,9 @@ class FieldReports:
         self._total_s: float | None = None
         self._begun_s = time.monotonic()
         self._told_s = self._shown_s = self._scored_s = 0.0
+        self._wanted = WantedView(reporter.folder)
+        self._asked = False
+        self._cost_s = 0.0
         self._watched: list[int] = []
         self._score_db: float | None = None
 
@@ -112,20 +118,25 @@ class FieldReports:
         if now_s - self._told_s > _REPORT_S:
             self._told_s = now_s
             self._tell(step)
-        if now_s - self._shown_s > _PREVIEW_S:
+        self._asked = self._wanted.changed() or self._asked
+        pause_s = self._cost_s * (1.0 / _SHOWN_SHARE - 1.0) if self._asked else _PREVIEW_S
+        if now_s - self._shown_s > pause_s:
             self.show_preview()
+            self._asked = False
             self._shown_s = time.monotonic()
+            self._cost_s = self._shown_s - now_s
 
     def show_preview(self, width: int = 320, height: int = 240) -> None:
-        """Render the orbit's present picture into ``preview.jpg`` and announce it."""
-        turn = (time.monotonic() / _ORBIT_S) % 1.0
-        preview = render_preview(self._trainer, turn, width=width, height=height)
+        """Render what somebody wants to see, else the orbit, into ``preview.jpg``; announce it."""
+        view = self._wanted.view or (time.monotonic() / _ORBIT_S) % 1.0
+        preview = render_preview(self._trainer, view, width=width, height=height)
         draft = self._out / ".preview.jpg.part"
         draft.write_bytes(preview.jpeg)
         draft.replace(self._out / "preview.jpg")
         self._reporter.emit(
             "preview",
             file="preview.jpg",
+            view=asdict(preview.view),
             T_world_cam=preview.T_world_cam.tolist(),
             intrinsics=asdict(preview.intrinsics),
         )

@@ -3,7 +3,8 @@
 A job is a folder with ``spec.json``. The worker prints one JSON object per line on stdout and
 copies it to ``events.jsonl``; each has ``event`` (``progressed``, ``found``, ``preview``,
 ``refined``, ``metrics``, ``done`` or ``failed``) and what belongs to it. The file ``stop`` asks the
-worker to end at its next step. ``heartbeat`` says whether one is at work.
+worker to end at its next step, ``view.json`` says where its previews are to be seen from.
+``heartbeat`` says whether one is at work.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 # Files of a job's folder.
-EVENTS, STOP = "events.jsonl", "stop"
+EVENTS, STOP, VIEW = "events.jsonl", "stop", "view.json"
 
 Kind = Literal["plan", "reconstruct", "render", "export"]
 

@@ -33,13 +33,16 @@ _PROGRAMS = {
 class Reporter:
     """The worker's ``Reporting``: JSON lines out, a file or a signal in.
 
+    Attributes:
+        folder: The job's folder.
+
     Args:
         folder: The job's folder.
         attached: Stop when the process that started this one is gone.
     """
 
     def __init__(self, folder: Path, *, attached: bool = True) -> None:
-        self._folder = folder
+        self.folder = folder
         self._events = (folder / EVENTS).open("a")
         self._parent = os.getppid()
         self._attached = attached
@@ -68,7 +71,7 @@ class Reporter:
     def should_stop(self) -> bool:
         """Return True once somebody asked for the end, or nobody is left who could."""
         gone = self._attached and self.orphaned()
-        return self._terminated or gone or (self._folder / STOP).exists()
+        return self._terminated or gone or (self.folder / STOP).exists()
 
 
 def main() -> int:

@@ -16,6 +16,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     EventStream,
+    FieldView,
     FrameAnnotated,
     ObjectPointedOut,
     PriorityPart,
@@ -220,6 +221,15 @@ class MissionControl(Protocol):
             UnknownError: If there is no such capture.
             RefusedError: If it takes no more: its drones are on their way down, it flies the
                 standard ring, or there would be too many.
+        """
+        ...
+
+    async def view_field(self, capture_id: str, view: FieldView | None) -> None:
+        """See previews of a capture's field from ``view``, None: from the orbit.
+
+        Raises:
+            UnknownError: If there is no such capture.
+            RefusedError: If its field is not being trained, or nothing can be seen from there.
         """
         ...
 

@@ -46,6 +46,7 @@ from server.mission.events import (
     Event,
     EventStream,
     FailsafeFired,
+    FieldView,
     FrameAnnotated,
     MetricsMeasured,
     Noted,
@@ -478,6 +479,19 @@ class Control:
     async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
         """Want more pictures, where they add most; raises UnknownError or RefusedError."""
         return self._steer(capture_id, lambda mission: mission.add_pictures(count))
+
+    async def view_field(self, capture_id: str, view: FieldView | None) -> None:
+        """See previews of a field from ``view``; raises UnknownError or RefusedError."""
+        self.capture(capture_id)
+        try:
+            if self._recovery.has(capture_id):
+                await self._recovery.view_field(capture_id, view)
+            elif self._mission is not None and self._is_current(capture_id):
+                await self._mission.view_field(view)
+            else:
+                raise RefusedError("its field is not being trained")
+        except (OSError, ValueError) as error:
+            raise RefusedError(str(error)) from error
 
     async def delete_capture(self, capture_id: str) -> None:
         """Delete a capture and its run folder; raises UnknownError or RefusedError."""

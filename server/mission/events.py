@@ -215,19 +215,36 @@ class TrainingProgressed:
     at: datetime = field(default_factory=_now)
 
 
+@dataclass(frozen=True, slots=True)
+class FieldView:
+    """Where an operator looks at the field from, on a sphere about the object.
+
+    Attributes:
+        azimuth_rad: Counter-clockwise from the world's +X.
+        elevation_rad: Above the object's middle.
+        distance: As a share of the pictures' median distance.
+    """
+
+    azimuth_rad: float
+    elevation_rad: float
+    distance: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PreviewRendered:
-    """The field was rendered from a camera on an orbit around the object.
+    """The field was rendered while it is trained, from where somebody wants it or on an orbit.
 
     Attributes:
         jpeg: The rendering.
         T_world_cam: ``(4, 4)`` of the camera it was rendered from.
         intrinsics: Its camera.
+        view: Where that is on its sphere about the object.
     """
 
     jpeg: bytes
     T_world_cam: NDArray[np.float64]
     intrinsics: Intrinsics
+    view: FieldView
     at: datetime = field(default_factory=_now)
 
 

@@ -19,7 +19,7 @@ from server.mission.capture import Photographer
 from server.mission.checklist import Check
 from server.mission.commands import MOST_PICTURES, CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.events import CaptureChanged, EventStream, Noted
+from server.mission.events import CaptureChanged, EventStream, FieldView, Noted
 from server.mission.eyes import Eye
 from server.mission.phases import AIRBORNE, Phase, Progress
 from server.mission.pilot import Pilot
@@ -186,6 +186,10 @@ class Mission:
         text = f"{count} pictures more are wanted, {state.pictures} in all."
         self._tools.events.publish(Noted("info", text))
         self._change(self._recorder.state)
+
+    async def view_field(self, view: FieldView | None) -> None:
+        """See previews of the field from ``view``; raises ValueError, see ``Reconstruction``."""
+        await self._reconstruction.view_from(view)
 
     def abort(self, reason: str) -> None:
         """Land and end; raises ValueError when already over."""

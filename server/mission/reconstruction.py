@@ -19,15 +19,18 @@ from server.geometry.cameras import Intrinsics
 from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.jobs.unfinished import unfinished
+from server.jobs.wanted_view import want_view
 from server.mission.commands import CaptureRequest
 from server.mission.events import (
     EventStream,
+    FieldView,
     MetricsMeasured,
     Noted,
     PosesRefined,
     PreviewRendered,
     TrainingProgressed,
 )
+from server.nerf.orbit_view import OrbitView
 from server.stages import Metrics
 from server.store.atomic import write_atomic
 from server.store.runs import RunFolder
@@ -131,6 +134,19 @@ class Reconstruction:
         result["seconds"] = seconds | result["seconds"]
         write_atomic(self._run.path / "metrics.json", json.dumps(result, indent=1).encode())
 
+    async def view_from(self, view: FieldView | None) -> None:
+        """Have previews rendered from ``view``, None: from the orbit.
+
+        Raises:
+            ValueError: If no worker is at work, or nothing can be seen from there.
+        """
+        if self._following is None or self._following.done():
+            raise ValueError("its field is not being trained")
+        wanted = (
+            None if view is None else OrbitView(view.azimuth_rad, view.elevation_rad, view.distance)
+        )
+        await asyncio.to_thread(want_view, self._folder, wanted)
+
     async def cancel(self) -> None:
         """End the worker if it runs."""
         self.cancelled = True
@@ -172,6 +188,7 @@ class Reconstruction:
                 (self._run.path / event["file"]).read_bytes(),
                 np.array(event["T_world_cam"]),
                 Intrinsics(**event["intrinsics"]),
+                FieldView(**event["view"]),
             )
         )
 

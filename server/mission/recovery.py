@@ -18,7 +18,7 @@ from typing import Any
 
 from server.jobs.runner import JobFailedError, JobRunner
 from server.mission.commands import CaptureRecord, RefusedError
-from server.mission.events import CaptureChanged, EventStream, Noted
+from server.mission.events import CaptureChanged, EventStream, FieldView, Noted
 from server.mission.phases import Phase
 from server.mission.reconstruction import Reconstruction
 from server.store.runs import RunFolder
@@ -99,6 +99,10 @@ class Recovery:
         except (OSError, ValueError, JobFailedError) as error:
             raise RefusedError(str(error)) from error
         self._follow(record, work)
+
+    async def view_field(self, capture_id: str, view: FieldView | None) -> None:
+        """See previews of a training from ``view``; raises ValueError, see ``Reconstruction``."""
+        await self._work[capture_id].view_from(view)
 
     async def cancel(self, capture_id: str) -> None:
         """Stop a capture's training; it can be resumed."""

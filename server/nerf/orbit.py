@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.nerf.object_part import ObjectPart
-from server.nerf.preview import orbit_pose
+from server.nerf.orbit_view import orbit_pose
 from server.nerf.rendering import Rendering
 from server.nerf.training import Trainer
 

@@ -36,6 +36,7 @@ from server.mission.events import (
     Event,
     EventStream,
     FailsafeFired,
+    FieldView,
     FrameAnnotated,
     ObjectPointedOut,
     PlanFound,
@@ -342,6 +343,11 @@ class FakeMission:
             raise RefusedError(f"it is {record.status.state}")
         wanted = record.status.images_total + count
         return self.keep(replace(record.status, images_total=wanted), record.request)
+
+    async def view_field(self, capture_id: str, view: FieldView | None) -> None:
+        if self.capture(capture_id).status.phase != "train":
+            raise RefusedError("its field is not being trained")
+        self.calls.append(("view", view))
 
     async def abort_capture(self, capture_id: str) -> CaptureRecord:
         return await self._change(capture_id, "running", "aborted")

@@ -15,6 +15,7 @@ from fake_mission import (
     checklist,
     drone_report,
     failsafe_fired,
+    jpeg,
     level_failed,
     link_failed,
 )
@@ -24,7 +25,13 @@ from served_console import TOKEN, Console, serve, until
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
 from server.mission.commands import Sticks
-from server.mission.events import EventStream, PoseEstimated
+from server.mission.events import (
+    EventStream,
+    FieldView,
+    PoseEstimated,
+    PreviewRendered,
+    TrainingProgressed,
+)
 from server.scene.scene import SceneView
 from server.stages import CameraPose
 
@@ -332,3 +339,36 @@ async def test_a_drone_is_flown_by_hand_as_long_as_a_key_is_held(
         # A capture that begins takes the sticks away.
         console.mission.events.publish(capture_changed("run-7"))
         await expect(page.get_by_test_id("manual-drone-2")).to_have_count(0)
+
+
+@built
+async def test_the_field_is_turned_while_it_is_trained(tmp_path: Path, page: Page) -> None:
+    def views() -> list[FieldView]:
+        said = [what for call, what in console.mission.calls if call == "view"]
+        return [view for view in said if isinstance(view, FieldView)]
+
+    async with serve(tmp_path, dist=DIST) as console:
+        console.mission.keep(capture_changed("run-1", "running", "train"))
+        await dashboard(console, page)
+        await page.keyboard.press("3")
+        publish = console.mission.events.publish
+        publish(TrainingProgressed("train", 10, 1.0, 60.0, 0.1, 18.0, None, 5e5, 10))
+        seen_from = FieldView(0.5, 0.2, 1.0)
+        publish(PreviewRendered(jpeg(grey=90), np.eye(4), TELLO_INTRINSICS, seen_from))
+        preview = page.get_by_test_id("preview-turned")
+        box = await preview.bounding_box()
+        assert box is not None
+        middle = box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
+        await page.mouse.move(*middle)
+        await page.mouse.down()
+        await page.mouse.move(middle[0] + box["width"] / 4.0, middle[1], steps=8)
+        await page.mouse.up()
+        # It begins where the newest rendering was seen from, and what is grabbed comes along.
+        await until(lambda: bool(views()) and abs(views()[-1].azimuth_rad + 0.285) < 0.02)
+        assert views()[-1].elevation_rad == pytest.approx(0.2)
+        assert len(views()) < 8, "what was wanted in between is nobody's wish"
+        await preview.focus()
+        await page.keyboard.press("+")
+        await until(lambda: views()[-1].distance < 1.0)
+        await page.get_by_test_id("orbit").click()
+        await until(lambda: console.mission.calls[-1] == ("view", None))

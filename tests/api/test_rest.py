@@ -18,7 +18,7 @@ from served_console import Console, until
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import MissionConfig
-from server.mission.events import FailsafeFired, Noted, PlanProgressed, PlanViewChosen
+from server.mission.events import FailsafeFired, FieldView, Noted, PlanProgressed, PlanViewChosen
 
 pytestmark = pytest.mark.loopback
 
@@ -116,6 +116,21 @@ async def test_a_long_take_off_is_accepted_before_it_ends(console: Console) -> N
         path = "/api/v1/drones/drone-1/commands"
         response = await client.post(path, json={"command": "takeoff"})
     assert response.status_code == 202
+
+
+async def test_a_field_is_seen_from_where_it_is_wanted(console: Console) -> None:
+    console.mission.keep(capture_changed("run-1", "running", "train"))
+    console.mission.keep(capture_changed("run-2", "succeeded", "done"))
+    path = "/api/v1/captures/run-1/view"
+    wish = {"azimuth_rad": 1.0, "elevation_rad": 0.5, "distance": 0.8}
+    async with console.client() as client:
+        assert (await client.put(path, json=wish)).status_code == 204
+        assert (await client.delete(path)).status_code == 204
+        for senseless in ({}, wish | {"elevation_rad": 1.6}, wish | {"distance": 0.0}):
+            is_problem(await client.put(path, json=senseless), 422)
+        is_problem(await client.put("/api/v1/captures/run-2/view", json=wish), 409)
+        is_problem(await client.delete("/api/v1/captures/run-9/view"), 404)
+    assert console.mission.calls == [("view", FieldView(1.0, 0.5, 0.8)), ("view", None)]
 
 
 async def test_a_capture_from_start_to_abort(console: Console) -> None:

@@ -8,7 +8,8 @@ import pytest
 
 from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.dataset import load_dataset
-from server.nerf.preview import orbit_pose, render_preview
+from server.nerf.orbit_view import OrbitView, orbit_pose
+from server.nerf.preview import render_preview
 from server.nerf.rays import PixelSource, camera_rays
 from server.nerf.space import scene_space
 from server.nerf.training import Trainer
@@ -174,6 +175,21 @@ def test_preview_is_a_jpeg_of_the_orbit(dataset):
     pixel, depth = preview.intrinsics.project(BALL_CENTRE[None], preview.T_world_cam)
     np.testing.assert_allclose(pixel[0], [39.5, 29.5], atol=1e-6)
     assert depth[0] > 0.5
+
+
+@pytest.mark.slow
+def test_a_view_is_from_where_it_is_wanted(dataset):
+    trainer = make(dataset)
+    trainer.run(steps=5)
+    view = OrbitView(azimuth_rad=0.5, elevation_rad=1.2, distance=0.8)
+    preview = render_preview(trainer, view, width=80, height=60)
+    assert preview.view == view
+    offset = preview.T_world_cam[:3, 3] - trainer.space.centre
+    cameras = dataset.T_world_cam[:, :3, 3] - trainer.space.centre
+    distance = np.median(np.linalg.norm(cameras, axis=1))
+    np.testing.assert_allclose(np.linalg.norm(offset), 0.8 * distance)
+    np.testing.assert_allclose(np.arctan2(offset[1], offset[0]), 0.5)
+    np.testing.assert_allclose(np.arctan2(offset[2], np.hypot(*offset[:2])), 1.2)
 
 
 def test_orbit_closes():

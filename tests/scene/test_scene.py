@@ -27,6 +27,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     EventStream,
+    FieldView,
     FrameAnnotated,
     PlanFound,
     PlanViewChosen,
@@ -120,7 +121,9 @@ def seed(slices: int = 2) -> SeedFitted:
 
 def preview() -> PreviewRendered:
     T_world_cam = look_at(np.array([1.5, 1.5, 1.5]), np.array([0.0, 0.0, 0.7]))
-    return PreviewRendered(jpeg(320, 240), T_world_cam, TELLO_INTRINSICS.scaled(1 / 3))
+    return PreviewRendered(
+        jpeg(320, 240), T_world_cam, TELLO_INTRINSICS.scaled(1 / 3), FieldView(0.0, 0.3, 1.0)
+    )
 
 
 async def until(condition: Callable[[], bool]) -> None:

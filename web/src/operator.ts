@@ -3,6 +3,7 @@ import {
   changeCapture,
   isSignedIn,
   startCapture,
+  viewField,
   type CaptureRequest,
   type CaptureVerb,
 } from "./api/captures";
@@ -19,6 +20,7 @@ import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
 import type { Sticks } from "./manual/sticks";
 import type { Place, ShareBox } from "./pick/box";
+import type { FieldView } from "./reconstruct/fieldView";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
 import { fliesByItself } from "./state/state";
@@ -198,6 +200,17 @@ export class Operator {
     );
     if (accepted && verb === "resume") this.#command.take();
     return accepted;
+  }
+
+  /** See the field from `view`, null: from the orbit; a line in the log when it was refused. */
+  async viewField(captureId: string, view: FieldView | null): Promise<void> {
+    try {
+      await viewField(captureId, view);
+    } catch (error) {
+      // Turned at the moment when the training ends: nothing to be alarmed about.
+      if (!(error instanceof RequestError)) throw error;
+      this.log("warning", words.field.viewFailed(error.message));
+    }
   }
 
   /** Push a drone's sticks; lost with the line, as it should be. */

@@ -1,4 +1,5 @@
 import { BASE } from "./base";
+import type { FieldView } from "../reconstruct/fieldView";
 import { request } from "./request";
 
 export type Mode = "optimized" | "standard";
@@ -29,6 +30,12 @@ export async function changeCapture(captureId: string, verb: CaptureVerb): Promi
 /** @throws RequestError when it is refused (its drones are on their way down) or not answered. */
 export async function addPictures(captureId: string, count: number): Promise<void> {
   await request("POST", `/captures/${encodeURIComponent(captureId)}/pictures`, { count });
+}
+
+/** See the field from `view` while it is trained, null: from the orbit. @throws RequestError */
+export async function viewField(captureId: string, view: FieldView | null): Promise<void> {
+  const path = `/captures/${encodeURIComponent(captureId)}/view`;
+  await (view === null ? request("DELETE", path) : request("PUT", path, view));
 }
 
 /** Return false when the server does not know this browser; true when it does or is silent. */

@@ -19,9 +19,10 @@ export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCar
   const name = entry.name === "" ? entry.id : entry.name;
   const psnr = entry.metrics?.psnr_db ?? null;
   const text = words.library;
+  const files = picturesOf(entry);
   return (
     <li className={`capture-card ${current ? "is-current" : ""}`} data-testid={`capture-${entry.id}`}>
-      <RunPicture captureId={entry.id} files={["preview.jpg", "images/0000.jpg"]} alt="" />
+      <RunPicture key={files.join()} captureId={entry.id} files={files} alt="" />
       <div className="capture-words">
         <a
           className="capture-name"
@@ -53,6 +54,12 @@ export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCar
       </label>
     </li>
   );
+}
+
+/** Which files may show a capture, the best first: there is no rendering before it was judged. */
+function picturesOf(entry: CaptureEntry): readonly string[] {
+  const first = entry.images > 0 ? ["images/0000.jpg"] : [];
+  return entry.metrics === null ? first : ["preview.jpg", ...first];
 }
 
 export function modeWord(mode: string): string {

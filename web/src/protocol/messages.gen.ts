@@ -115,11 +115,14 @@ export interface PosesReport {
   readonly unrefined: readonly number[];
 }
 
-/** The newest rendering of the field, as a data URL. */
+/** The newest rendering of the field, as a data URL, and where it was seen from. Azimuth and elevation are about the object's middle, the distance is a share of the pictures'. */
 export interface PreviewReport {
   readonly type: "preview_rendered";
   readonly at: string;
   readonly image: string;
+  readonly azimuth_rad: number;
+  readonly elevation_rad: number;
+  readonly distance: number;
 }
 
 /** The judgement on held-out pictures. */

@@ -5,6 +5,7 @@ import { Panel } from "../design/Panel";
 import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { CourseLine } from "./CourseLine";
+import { PreviewPicture } from "./PreviewPicture";
 
 /** The field as it grows: newest rendering, training figures, quality. */
 export function FieldPanel() {
@@ -24,12 +25,7 @@ export function FieldPanel() {
               <figcaption>{words.field.noPreview}</figcaption>
             </div>
           ) : (
-            <img
-              src={preview.image}
-              alt={words.field.preview}
-              data-testid="preview"
-              data-at={preview.at}
-            />
+            <PreviewPicture preview={preview} />
           )}
         </figure>
         <div className="field-figures">

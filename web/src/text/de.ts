@@ -370,6 +370,9 @@ export const de: Catalogue = {
     title: "Feld",
     left: (time) => `noch ${time}`,
     preview: "Neueste Ansicht des Feldes",
+    turnHow: "Ziehen oder Pfeiltasten drehen; Rad, + und − gehen näher",
+    orbit: "Umkreisen",
+    viewFailed: (reason) => `Die Ansicht bleibt, wie sie ist: ${reason}`,
     noPreview: "Hier erscheint die erste Ansicht des Feldes.",
     stage: {
       live: "Im Flug",

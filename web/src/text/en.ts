@@ -372,6 +372,9 @@ export const en = {
     title: "Field",
     left: (time: string) => `${time} left`,
     preview: "Newest rendering of the field",
+    turnHow: "Drag, or use the arrow keys, to turn it; wheel, + and − to come nearer",
+    orbit: "Orbit",
+    viewFailed: (reason: string) => `The view stays as it is: ${reason}`,
     noPreview: "The field's first rendering appears here.",
     stage: {
       live: "Live",
