@@ -28,7 +28,7 @@ class JobView(BaseModel):
     """A job as it stands.
 
     ``progress`` is the share of ``phase`` done, 0 to 1; ``run`` is the folder of the run that it
-    works for; ``result`` is what it ended with.
+    works for, ``capture`` the one whose pictures it trains on; ``result`` is what it ended with.
     """
 
     model_config = ConfigDict(from_attributes=True)
@@ -39,6 +39,7 @@ class JobView(BaseModel):
     phase: str
     progress: float
     run: str
+    capture: str | None
     error: str | None
     created_at: datetime
     updated_at: datetime

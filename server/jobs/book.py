@@ -38,6 +38,7 @@ class JobRecord:
         phase: What the worker is at, in its words; empty before it has told.
         progress: Share of that phase done, 0 to 1; 1 when the job has succeeded.
         run: The run folder that it works for.
+        capture: Id of the capture whose pictures it trains on, None when it trains on none.
         error: What went wrong, None when nothing did.
         created_at: When it was handed in, aware UTC.
         updated_at: When anything here last changed.
@@ -50,6 +51,7 @@ class JobRecord:
     phase: str
     progress: float
     run: str
+    capture: str | None
     error: str | None
     created_at: datetime
     updated_at: datetime
@@ -177,8 +179,10 @@ class JobBook:
     def _enter(self, spec: JobSpec, run: Path) -> str:
         now = datetime.now(UTC)
         job_id = f"{now.strftime('%Y%m%d-%H%M%S-%f')}-{spec.kind}-{secrets.token_hex(2)}"
+        dataset = spec.parameters.get("dataset")
+        capture = None if dataset is None else Path(dataset).name
         self._records[job_id] = JobRecord(
-            job_id, spec.kind, "queued", "", 0.0, str(run), None, now, now
+            job_id, spec.kind, "queued", "", 0.0, str(run), capture, None, now, now
         )
         for old in [r.id for r in self._records.values() if r.over][:-_MOST_KEPT]:
             del self._records[old]

@@ -89,6 +89,13 @@ async def serve(
         await serving
 
 
+def runner_of(console: Console) -> FakeRunner:
+    """Return what the console's jobs were handed to."""
+    runner = console.book._runner
+    assert isinstance(runner, FakeRunner)
+    return runner
+
+
 async def until(condition: Callable[[], bool]) -> None:
     """Wait for ``condition``; the test's own time limit ends a wait that is in vain."""
     while not condition():  # noqa: ASYNC110 - what is waited for sets no event.

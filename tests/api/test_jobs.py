@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from fake_jobs import FakeRunner
 from fake_mission import capture_changed
-from served_console import Console, until
+from served_console import Console, runner_of, until
 from test_rest import is_problem
 
 from server.jobs.book import JobBook, JobRecord
@@ -16,12 +16,6 @@ from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec
 
 PLAN = JobSpec("plan", {})
-
-
-def runner_of(console: Console) -> FakeRunner:
-    runner = console.book._runner
-    assert isinstance(runner, FakeRunner)
-    return runner
 
 
 async def follow(book: JobBook, folder: Path) -> list[dict[str, object]]:
@@ -107,6 +101,8 @@ async def test_trainings_wait_for_each_other_and_are_cancelled_at_any_time(
         await until(lambda: console.book.jobs()[0].progress > 0)
         told = (await client.get(third)).json()
         assert (told["phase"], told["progress"]) == ("train", 0.25)
+        assert told["capture"] == "run-1"
+        assert Path(told["run"]).name != "run-1"
         runner.jobs[1].news.put_nowait({"event": "done", "psnr_db": float("nan")})
         await until(lambda: console.book.jobs()[0].over)
         told = (await client.get(third)).json()

@@ -23,7 +23,7 @@ from fake_mission import (
     seed_fitted,
 )
 from playwright.async_api import Browser, Error, Page, async_playwright, expect
-from served_console import TOKEN, Console, serve, until
+from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.mission.events import MetricsMeasured, PlanProgressed, TrainingProgressed
 from server.stages import Metrics
@@ -249,6 +249,42 @@ async def test_captures_are_looked_at_compared_and_deleted(
         await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
         assert not (console.mission.runs / "run-2").exists()
         assert list(console.mission.records) == ["run-1", "run-3"]
+        await page.close()
+
+
+async def test_a_capture_is_trained_anew_with_other_settings(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        (console.mission.runs / "run-1/transforms.json").write_text("{}")
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        await page.goto(f"{console.http}/#/library/run-1")
+        start = page.get_by_test_id("train-anew")
+        await page.get_by_label("Seed").fill("1.5")
+        await expect(start).to_be_disabled()
+        await page.get_by_label("Seed").fill("7")
+        await page.get_by_label("The object alone").check()
+        await start.click()
+        await expect(page.get_by_test_id("training-running")).to_be_visible()
+        (job,) = runner_of(console).jobs
+        assert job.spec.seed == 7
+        assert job.spec.parameters["object_only"] is True
+        news = {"event": "progressed", "stage": "train", "seconds": 6.0, "seconds_total": 24.0}
+        job.news.put_nowait(news)
+        progress = page.get_by_role("progressbar", name="Share of this stage done")
+        await expect(progress).to_have_attribute("value", "0.25")
+        job.news.put_nowait({"event": "done", "psnr_db": 23.456, "ssim": 0.8})
+        done = page.get_by_test_id("training-succeeded")
+        await expect(done).to_contain_text("23.46 dB")
+        mesh = done.get_by_role("link", name="mesh.glb")
+        run = Path(job.spec.parameters["out"]).name
+        await expect(mesh).to_have_attribute("href", re.compile(f"/artifacts/{run}/mesh.glb$"))
+        # What is cancelled says so.
+        await start.click()
+        await page.get_by_role("button", name="Cancel").click()
+        await expect(page.get_by_test_id("training-cancelled")).to_be_visible()
         await page.close()
 
 

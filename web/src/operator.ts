@@ -9,6 +9,7 @@ import {
 } from "./api/captures";
 import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
+import { cancelJob, startTraining, type TrainingWish } from "./api/jobs";
 import { deleteCapture } from "./api/library";
 import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
 import { choosePlanView, type ShownPlan } from "./api/plans";
@@ -200,6 +201,22 @@ export class Operator {
     );
     if (accepted && verb === "resume") this.#command.take();
     return accepted;
+  }
+
+  /** Train anew on a capture's pictures; false, and an alarm, when it was refused. */
+  async trainAnew(wish: TrainingWish): Promise<boolean> {
+    return this.#carryOut(
+      () => startTraining(wish),
+      (reason) => words.retrain.failed(reason),
+    );
+  }
+
+  /** End a job; false, and an alarm, when it was not carried out. */
+  async cancelJob(jobId: string): Promise<boolean> {
+    return this.#carryOut(
+      () => cancelJob(jobId),
+      (reason) => words.retrain.cancelFailed(reason),
+    );
   }
 
   /** See the field from `view`, null: from the orbit; a line in the log when it was refused. */

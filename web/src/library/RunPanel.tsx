@@ -9,6 +9,7 @@ import { HeldOutView } from "../judge/HeldOutView";
 import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
+import { TrainAnew } from "../retrain/TrainAnew";
 import { isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
@@ -42,6 +43,9 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
         <RunFacts entry={entry} />
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
+        {!isActiveState(entry.state) && entry.images > 0 && (
+          <TrainAnew key={entry.id} captureId={entry.id} />
+        )}
         {files !== null && <Files files={files} />}
         {!isActiveState(entry.state) && (
           <div className="run-actions">
