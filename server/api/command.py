@@ -72,8 +72,10 @@ class CommandDesk:
 
     def _steer(self, message: Steer, now_s: float) -> None:
         """Hand on the sticks of who is in command; they may come a moment after they count."""
-        if not message.client or not self._lease.renew(message.client, now_s):
+        self._lease.lapse(now_s)
+        if not message.client or self._lease.standing.holder != message.client:
             return
+        self._lease.renew(message.client, now_s)
         self._mission.note_operator()
         sticks = Sticks(message.forward, message.left, message.up, message.turn)
         with suppress(UnknownError, RefusedError):

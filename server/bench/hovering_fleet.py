@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import httpx
 import numpy as np
 
 from server.app import free_loopback_block
@@ -66,7 +65,20 @@ class HoveringFleet:
 
     async def press_hold(self) -> float:
         """Press HOLD, wait for the last drone to hear of it, re-arm; returns milliseconds."""
-        return await _press(self.console.client, self.tellos)
+        client = self.console.client
+        pressed_s = time.monotonic()
+        await client.post("/api/v1/fleet/hold")
+        while min(tello.stopped_s for tello in self.tellos) < pressed_s:
+            if time.monotonic() - pressed_s > _LATEST_S:
+                return math.inf
+            await asyncio.sleep(0.001)
+        # The first ``stop`` of each burst counts, so it is looked for before the repeats are over.
+        heard_s = max(tello.stopped_s for tello in self.tellos)
+        await asyncio.sleep(0.5)
+        for tello in self.tellos:
+            await command(client, tello.drone_id, "rearm")
+        await asyncio.sleep(0.05)
+        return 1000.0 * (heard_s - pressed_s)
 
 
 @asynccontextmanager
@@ -91,25 +103,10 @@ async def hovering_fleet(folder: Path) -> AsyncIterator[HoveringFleet]:
         for drone in drones:
             await command(console.client, drone.drone_id, "takeoff")
         await until_activity(console.client, "flying", len(drones))
-        yield HoveringFleet(console, tellos)
-        await console.client.post("/api/v1/fleet/land")
-
-
-async def _press(client: httpx.AsyncClient, tellos: list[HoldHearing]) -> float:
-    """Press HOLD, wait for the last drone to hear of it, re-arm; returns milliseconds."""
-    pressed_s = time.monotonic()
-    await client.post("/api/v1/fleet/hold")
-    while min(tello.stopped_s for tello in tellos) < pressed_s:
-        if time.monotonic() - pressed_s > _LATEST_S:
-            return math.inf
-        await asyncio.sleep(0.001)
-    # The first ``stop`` of each burst counts, so it is looked for before the repeats are over.
-    heard_s = max(tello.stopped_s for tello in tellos)
-    await asyncio.sleep(0.5)
-    for tello in tellos:
-        await command(client, tello.drone_id, "rearm")
-    await asyncio.sleep(0.05)
-    return 1000.0 * (heard_s - pressed_s)
+        try:
+            yield HoveringFleet(console, tellos)
+        finally:
+            await console.client.post("/api/v1/fleet/land")
 
 
 async def _stream(drones: list[SimulatedDrone]) -> None:

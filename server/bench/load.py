@@ -109,10 +109,11 @@ async def _measure(viewers: int, captures: int, seconds: float, folder: Path) ->
         watching = asyncio.get_running_loop().run_in_executor(
             pool, watch, console.address, console.headers, viewers, seconds
         )
-        pressing = asyncio.create_task(_press_on(fleet, seconds))
-        listing = asyncio.create_task(_list_on(console.client, seconds))
+        async with asyncio.TaskGroup() as tasks:
+            pressing = tasks.create_task(_press_on(fleet, seconds))
+            listing = tasks.create_task(_list_on(console.client, seconds))
+        hold_ms, list_ms = pressing.result(), listing.result()
         seen = await watching
-        hold_ms, list_ms = await asyncio.gather(pressing, listing)
         elapsed_s = time.monotonic() - begun_s
         load = os.getloadavg()[0]
         await asyncio.sleep(_SETTLE_S)
@@ -158,6 +159,8 @@ async def _watch(
         watchers = [
             await stack.enter_async_context(Viewer(address, headers)) for _ in range(viewers)
         ]
+        for viewer in watchers:
+            viewer.begin_anew()
         await asyncio.sleep(seconds)
         return [
             {

@@ -18,7 +18,6 @@ class Viewer:
         newest: The newest JPEG of each drone.
         messages: Messages received.
         missed: Messages the console had to leave out for this viewer.
-        longest_gap_s: Longest time between two tiles.
     """
 
     def __init__(self, address: str, headers: dict[str, str]) -> None:
@@ -28,10 +27,10 @@ class Viewer:
         self.newest: dict[str, bytes] = {}
         self.messages = 0
         self.missed = 0
-        self.longest_gap_s = 0.0
+        self._gap_s = 0.0
         self._url = address.replace("http", "ws", 1) + "/api/v1/stream"
         self._headers = headers
-        self._tile_s: float | None = None
+        self._tile_s = time.monotonic()
         self._socket: ClientConnection | None = None
         self._taking: asyncio.Task[None] | None = None
 
@@ -48,6 +47,16 @@ class Viewer:
             await asyncio.gather(self._taking, return_exceptions=True)
         if self._socket is not None:
             await self._socket.close()
+
+    def begin_anew(self) -> None:
+        """Count from now on."""
+        self.tiles = self.tile_bytes = self.messages = self.missed = 0
+        self._gap_s, self._tile_s = 0.0, time.monotonic()
+
+    @property
+    def longest_gap_s(self) -> float:
+        """Longest time between two tiles, or since the last one, seconds."""
+        return max(self._gap_s, time.monotonic() - self._tile_s)
 
     @property
     def connected(self) -> bool:
@@ -69,10 +78,7 @@ class Viewer:
             await socket.send(json.dumps({"type": "tile_shown"} | shown))
 
     def _note_tile(self, message: bytes, header_end: int, drone_id: str) -> None:
-        now_s = time.monotonic()
-        if self._tile_s is not None:
-            self.longest_gap_s = max(self.longest_gap_s, now_s - self._tile_s)
-        self._tile_s = now_s
+        self._gap_s, self._tile_s = self.longest_gap_s, time.monotonic()
         self.tiles += 1
         self.tile_bytes += len(message)
         self.newest[drone_id] = message[header_end:]

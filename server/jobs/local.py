@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 from server.jobs.local_job import AdoptedJob, LocalJob, left_behind
-from server.jobs.spec import EVENTS, STOP, JobSpec
+from server.jobs.spec import EVENTS, STOP, VIEW, JobSpec
 
 logger = logging.getLogger(__name__)
 
@@ -26,7 +26,7 @@ class LocalRunner:
     async def submit(self, spec: JobSpec, folder: Path) -> LocalJob:
         """Start ``spec`` in ``folder`` and return the running job."""
         spec.write(folder)
-        for left in (STOP, EVENTS):
+        for left in (STOP, EVENTS, VIEW):
             (folder / left).unlink(missing_ok=True)
         threads = str(spec.threads)
         environment = os.environ | {

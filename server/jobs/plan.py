@@ -46,6 +46,7 @@ class PlanInput(BaseModel):
         tilt_rad: The cameras' tilt.
         drones: Position x, y, z and yaw of each drone by id.
         rounds: Pictures per drone.
+        pictures: Pictures in all, None: one of each drone in each round.
         config: ``PlannerConfig``.
         priorities: Lower and upper corner and weight of the parts that matter more.
         taken: Where pictures were taken already: position x, y, z and yaw.
@@ -59,6 +60,7 @@ class PlanInput(BaseModel):
     tilt_rad: float
     drones: dict[str, tuple[float, float, float, float]]
     rounds: int
+    pictures: int | None = None
     config: dict[str, Any]
     priorities: list[tuple[list[float], list[float], float]] = []
     taken: list[tuple[float, float, float, float]] = []
@@ -158,6 +160,7 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         on_progress,
         reporter.should_stop,
         taken=[_viewpoint(place) for place in wanted.taken],
+        pictures=wanted.pictures,
     )
     return PlanResult(
         viewpoints=[_place(v) for v in placement.viewpoints],

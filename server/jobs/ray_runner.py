@@ -26,7 +26,7 @@ from server.jobs.local import LocalRunner
 from server.jobs.ray_api import RayApi
 from server.jobs.ray_job import RayJob, Ticket
 from server.jobs.runner import Job
-from server.jobs.spec import EVENTS, STOP, JobSpec
+from server.jobs.spec import EVENTS, STOP, VIEW, JobSpec
 
 _TICKET = "ray.json"
 
@@ -72,7 +72,7 @@ class RayRunner:
             return await self._here.submit(spec, folder)
         spec = replace(spec, threads=self._config.cpus, niceness=0)
         spec.write(folder)
-        for left in (STOP, EVENTS):
+        for left in (STOP, EVENTS, VIEW):
             (folder / left).unlink(missing_ok=True)
         words = re.sub(r"[^A-Za-z0-9]+", "-", f"{folder.parent.parent.name}-{spec.kind}").strip("-")
         ticket = Ticket(f"dronerf-{words}-{secrets.token_hex(4)}", secrets.token_urlsafe(24))

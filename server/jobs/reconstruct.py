@@ -174,7 +174,7 @@ def _judge_and_deliver(
         )
         _go_on(reporter)
         trainer.save(out / "checkpoint.npz")
-        reports.show_preview(width=640, height=480)
+        reports.show_orbit(width=640, height=480)
     result = {
         "run": str(out),
         "dataset": str(wanted.dataset),

@@ -15,6 +15,7 @@ from server.jobs.spec import Reporting
 from server.jobs.wanted_view import WantedView
 from server.jobs.worker import Reporter
 from server.nerf.metrics import psnr_db
+from server.nerf.orbit_view import OrbitView
 from server.nerf.preview import render_preview
 from server.nerf.training import StepReport, Trainer
 
@@ -24,6 +25,7 @@ _SCORE_S = 8.0
 _ORBIT_S = 40.0
 # Of the time at most this share goes into previews that somebody asks for one after the other.
 _SHOWN_SHARE = 0.3
+_LOOK_S = 0.05
 # The curve's held-out figure is taken on small renderings; the final figures are not.
 _SCORE_SCALE = 0.25
 
@@ -95,7 +97,7 @@ class FieldReports:
         self._told_s = self._shown_s = self._scored_s = 0.0
         self._wanted = WantedView(reporter.folder)
         self._asked = False
-        self._cost_s = 0.0
+        self._cost_s = self._looked_s = 0.0
         self._watched: list[int] = []
         self._score_db: float | None = None
 
@@ -118,17 +120,23 @@ class FieldReports:
         if now_s - self._told_s > _REPORT_S:
             self._told_s = now_s
             self._tell(step)
-        self._asked = self._wanted.changed() or self._asked
+        if now_s - self._looked_s > _LOOK_S:
+            self._looked_s = now_s
+            self._asked = self._wanted.changed() or self._asked
         pause_s = self._cost_s * (1.0 / _SHOWN_SHARE - 1.0) if self._asked else _PREVIEW_S
         if now_s - self._shown_s > pause_s:
-            self.show_preview()
+            begun_s = time.monotonic()
+            self._show(self._wanted.view)
             self._asked = False
             self._shown_s = time.monotonic()
-            self._cost_s = self._shown_s - now_s
+            self._cost_s = self._shown_s - begun_s
 
-    def show_preview(self, width: int = 320, height: int = 240) -> None:
-        """Render what somebody wants to see, else the orbit, into ``preview.jpg``; announce it."""
-        view = self._wanted.view or (time.monotonic() / _ORBIT_S) % 1.0
+    def show_orbit(self, width: int, height: int) -> None:
+        """Render the orbit's present picture into ``preview.jpg`` and announce it."""
+        self._show(None, width, height)
+
+    def _show(self, wanted: OrbitView | None, width: int = 320, height: int = 240) -> None:
+        view = wanted or (time.monotonic() / _ORBIT_S) % 1.0
         preview = render_preview(self._trainer, view, width=width, height=height)
         draft = self._out / ".preview.jpg.part"
         draft.write_bytes(preview.jpeg)

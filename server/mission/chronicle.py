@@ -16,7 +16,6 @@ from server.mission.events import (
     MetricsMeasured,
     Noted,
     PlanFound,
-    PosesRefined,
     SeedFitted,
 )
 from server.mission.phases import Phase
@@ -51,12 +50,13 @@ class Chronicle:
                 rounds = len(assignment.rounds)
                 choice = f" out of {of}" if of > chosen else ""
                 yield Noted("info", f"Plan: {chosen} viewpoints{choice} in {rounds} rounds.")
-            case PosesRefined(refined=refined):
-                text = f"Poses refined: {int(refined.sum())} of {len(refined)} pictures."
-                yield Noted("info", text)
-            case MetricsMeasured(metrics=metrics):
+            case MetricsMeasured(metrics=metrics) if self._under_way:
                 text = f"Held-out pictures: {metrics.psnr_db:.2f} dB, SSIM {metrics.ssim:.3f}."
                 yield Noted("info", text)
+
+    @property
+    def _under_way(self) -> bool:
+        return self._capture is not None and self._capture.state in ("running", "paused")
 
     def _is_new(self, event: CaptureChanged) -> bool:
         return self._capture is None or self._capture.id != event.id
@@ -70,7 +70,7 @@ def _course(before: CaptureChanged, now: CaptureChanged) -> Iterator[Noted]:
             yield Noted("info", f"Round {done}: {taken} of {now.images_total} pictures.")
         match now.phase:
             case Phase.TAKE_OFF:
-                yield Noted("info", "Checklist clear: taking off.")
+                yield Noted("info", "Taking off.")
             case Phase.CENTRE:
                 yield Noted("info", "In the air: turning to the object.")
             case Phase.LAND:
@@ -88,14 +88,14 @@ def _course(before: CaptureChanged, now: CaptureChanged) -> Iterator[Noted]:
             case "aborted":
                 yield Noted("warning", f"Capture ended early: {now.error}.")
             case "failed":
-                yield Noted("error", "Capture failed; its pictures are kept.")
+                yield Noted("error", "The capture failed.")
 
 
 async def follow(events: EventStream) -> None:
     """Tell the story of what ``events`` brings until cancelled; no failure of it stops a flight."""
     chronicle = Chronicle()
     try:
-        with events.subscribe() as subscription:
+        with events.subscribe(1024) as subscription:
             async for event in subscription:
                 for line in chronicle.lines(event):
                     events.publish(line)

@@ -113,6 +113,9 @@ class Sticks:
     turn: float
 
 
+AT_REST = Sticks(0.0, 0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class StartPlace:
     """Where a drone is set down before a flight.

@@ -58,6 +58,8 @@ class MissionConfig:
         for entry in fields(self):
             if not getattr(self, entry.name) > 0:
                 raise ValueError(f"mission.{entry.name} must be positive")
+        if not self.manual_keep_s <= 1.0:
+            raise ValueError("mission.manual_keep_s must be at most 1: silence is a hand let go")
 
 
 @dataclass(frozen=True, slots=True)

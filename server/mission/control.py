@@ -368,11 +368,13 @@ class Control:
                 drone.rearm()
                 self.events.publish(Noted("info", "Re-armed: it takes commands again.", drone_id))
             case "takeoff":
-                if self._flying_mission():
-                    raise RefusedError("a capture is running; it flies the drones")
+                self._refuse_if_needed()
                 self._refuse_if_broken()
                 if drone.held:
                     raise RefusedError(f"{drone_id} is held; re-arm it first")
+                if not any(other.airborne for other in self._fleet.drones.values()):
+                    # Whatever stands there now may be another thing than a capture saw.
+                    self._pilot.begin_capture()
                 self._begin_unwatched()
                 self._pilot.place_at_start(drone_id)
                 self.events.publish(Noted("info", "Take-off ordered.", drone_id))
@@ -381,8 +383,7 @@ class Control:
     def steer(self, drone_id: str, sticks: Sticks) -> None:
         """Fly a drone by hand for a moment; raises UnknownError or RefusedError."""
         self._eye(drone_id)
-        if self._flying_mission():
-            raise RefusedError("a capture is running; it flies the drones")
+        self._refuse_if_needed()
         self._refuse_if_broken()
         if self._fleet.drones[drone_id].activity != "flying":
             raise RefusedError(f"{drone_id} does not fly")
@@ -398,6 +399,9 @@ class Control:
         held = [d for d in drones if self._fleet.drones[d].held]
         if held:
             raise RefusedError(f"{', '.join(held)} held; re-arm first")
+        flying = [d for d, drone in self._fleet.drones.items() if drone.airborne]
+        if flying:
+            raise RefusedError(f"{', '.join(flying)} in the air; land first")
         run = RunFolder.create(self._runs, request.name)
         self._standing.clear()
         self._begin_unwatched()
@@ -449,7 +453,7 @@ class Control:
 
     async def pause_capture(self, capture_id: str) -> CaptureRecord:
         """Hold position and stop the mission's clock; raises UnknownError or RefusedError."""
-        return self._steer(capture_id, lambda mission: mission.pause())
+        return self._act_on(capture_id, lambda mission: mission.pause())
 
     async def resume_capture(self, capture_id: str) -> CaptureRecord:
         """Go on; of a capture whose console is gone, with its training.
@@ -464,7 +468,7 @@ class Control:
                 raise RefusedError("another capture is running; abort it or wait for its end")
             await self._recovery.resume(record)
             return self._records[capture_id]
-        record = self._steer(capture_id, lambda mission: mission.resume())
+        record = self._act_on(capture_id, lambda mission: mission.resume())
         if not self._flying_mission():
             self._begin_unwatched()
         return record
@@ -474,11 +478,11 @@ class Control:
         if self._recovery.has(capture_id):
             await self._recovery.cancel(capture_id)
             return self._records[capture_id]
-        return self._steer(capture_id, lambda mission: mission.abort("aborted by the operator"))
+        return self._act_on(capture_id, lambda mission: mission.abort("aborted by the operator"))
 
     async def add_pictures(self, capture_id: str, count: int) -> CaptureRecord:
         """Want more pictures, where they add most; raises UnknownError or RefusedError."""
-        return self._steer(capture_id, lambda mission: mission.add_pictures(count))
+        return self._act_on(capture_id, lambda mission: mission.add_pictures(count))
 
     async def view_field(self, capture_id: str, view: FieldView | None) -> None:
         """See previews of a field from ``view``; raises UnknownError or RefusedError."""
@@ -519,7 +523,7 @@ class Control:
         """Return whether the newest mission of this console is that capture's."""
         return self._mission is not None and self._mission.run_folder.id == capture_id
 
-    def _steer(self, capture_id: str, act: Any) -> CaptureRecord:
+    def _act_on(self, capture_id: str, act: Any) -> CaptureRecord:
         self.capture(capture_id)
         mission = self._mission
         if mission is None or mission.run_folder.id != capture_id or mission.over:
@@ -626,6 +630,11 @@ class Control:
             return self._eyes[drone_id]
         except KeyError:
             raise UnknownError(f"there is no drone {drone_id!r}") from None
+
+    def _refuse_if_needed(self) -> None:
+        """Raise RefusedError while a capture needs the drones, also on the ground."""
+        if self._mission is not None and self._mission.needs_drones:
+            raise RefusedError("a capture is running; it flies the drones")
 
     def _flying_mission(self) -> bool:
         return self._mission is not None and self._mission.airborne

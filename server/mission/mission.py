@@ -116,6 +116,7 @@ class Mission:
         )
         self._step: asyncio.Task[None] | None = None
         self._redirected = False
+        self._landed = False
         self._saved_s = 0.0
 
     # -- what others see ----------------------------------------------------------------------
@@ -129,6 +130,11 @@ class Mission:
     def airborne(self) -> bool:
         """True while the mission flies the drones."""
         return self._state.progress.phase in AIRBORNE
+
+    @property
+    def needs_drones(self) -> bool:
+        """True until they are down for good: nobody else flies them meanwhile."""
+        return not self._state.progress.over and self._state.progress.phase is not Phase.TRAIN
 
     @property
     def before_take_off(self) -> bool:
@@ -179,6 +185,8 @@ class Mission:
             raise ValueError("the standard ring is flown as it is; nothing is chosen")
         if state.progress.over or state.progress.ending or state.progress.phase in _FLOWN:
             raise ValueError("its drones are on their way down already")
+        if state.progress.planned and self._photographer.taken >= state.pictures:
+            raise ValueError("all its pictures are taken already")
         if state.pictures + count > MOST_PICTURES:
             raise ValueError(f"a capture has at most {MOST_PICTURES} pictures")
         state.pictures += count
@@ -224,11 +232,13 @@ class Mission:
             self._change("failed")
         finally:
             watch.cancel()
-            self._land_whoever_flies()
+            # Once it has landed them they are other people's again.
+            if not self._landed:
+                self._land_whoever_flies()
+                self._tools.pilot.release(list(self._state.drones))
             self._steps.seeding.stop()
             await self._planning.cancel()
             await self._reconstruction.cancel()
-            self._tools.pilot.release(list(self._state.drones))
             self._tools.pilot.paused = False
             self._save()
             await self._recorder.settled()
@@ -249,6 +259,9 @@ class Mission:
                 raise
         finally:
             self._recorder.add_seconds(phase, asyncio.get_running_loop().time() - begun_s)
+        if phase is Phase.LAND:
+            drones = self._tools.fleet.drones
+            self._landed = not any(drones[d].airborne for d in self._state.drones)
         await self._while_paused(phase)
         if self._state.progress.phase is phase and not self._state.progress.over:
             self._state.progress = self._state.progress.advance()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from server.geometry.axes import wrap_angle
 from server.geometry.boxes import Box3
-from server.mission.commands import Sticks
+from server.mission.commands import AT_REST, Sticks
 from server.mission.config import FlightConfig
 from server.mission.events import DroneReported, EventStream, PoseEstimated
 from server.mission.eyes import Eye
@@ -37,6 +37,8 @@ from server.vision.target import TargetEstimate, TargetEstimator, prior_target
 Array = NDArray[np.float64]
 
 _POSE_EVENT_S = 0.1
+# After so long without sticks nobody flies a drone by hand any more.
+_HANDS_OFF_S = 3.0
 # Lower than this a drone stands.
 _DOWN_M = 0.05
 # While the object is cut off by the picture's edge, step back this fast, metres per second.
@@ -139,11 +141,15 @@ class Pilot:
     def steer(self, drone_id: str, sticks: Sticks) -> None:
         """Want the drone to fly as ``sticks`` say, until the next ones or until they are too old.
 
-        It is a wish like any other: avoidance, fence, standoff and the coasting rule hold.
+        It is a wish like any other: avoidance, fence, standoff and the coasting rule hold. Sticks
+        that were pushed already when the drone began to fly freely must come to rest first.
         """
-        config = self._config.mission
+        config, wing = self._config.mission, self._wings[drone_id]
+        wing.sticks_free = wing.sticks_free or sticks == AT_REST
+        if not wing.sticks_free:
+            return
         pushed = np.array([sticks.forward, sticks.left, sticks.up])
-        self._wings[drone_id].goal = Steered(
+        wing.goal = Steered(
             config.manual_speed_m_s * within(pushed, 1.0),
             config.manual_turn_rad_s * sticks.turn,
             asyncio.get_running_loop().time() + config.manual_keep_s,
@@ -263,6 +269,7 @@ class Pilot:
         agents: list[Agent] = []
         for wing in self._wings.values():
             pose = wing.pose(now_s)
+            wing.sticks_free = wing.sticks_free and wing.drone.activity == "flying"
             if not wing.drone.airborne:
                 continue
             wish = np.zeros(3), 0.0
@@ -359,6 +366,8 @@ class Pilot:
                 setpoint = wing.tracker.update(box, pose, wanted, self._dt_s)
                 return turned(setpoint.velocity_m_s, pose.yaw_rad), setpoint.yaw_rate_rad_s
             case Steered(velocity, yaw_rate, until_s):
+                if now_s > until_s + _HANDS_OFF_S:
+                    wing.goal = None  # It turns to the object again, which bounds its drift.
                 if now_s > until_s:
                     return np.zeros(3), 0.0
                 return turned(velocity, pose.yaw_rad), yaw_rate

@@ -51,27 +51,27 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
     ) -> Assignment:
-        """Return who goes where in each round, and publish it.
+        """Return who goes where in each round for so many ``views``, and publish it.
 
         Raises:
             PlanError: If not even the ring fits between standoff and fence.
         """
         if self._request.mode == "standard":
-            return self._ring(seed, poses, camera, rounds)
+            return self._ring(seed, poses, camera, views)
         try:
             async with asyncio.timeout(self._config.mission.plan_timeout_s):
-                result = await self._ask_worker(seed, poses, camera, rounds)
+                result = await self._ask_worker(seed, poses, camera, views)
         except (TimeoutError, JobFailedError) as error:
             reason = str(error) or "not ready in time"
             self._events.publish(
                 Noted("warning", f"No plan ({reason}): the circular step is flown instead.")
             )
             await self.cancel()
-            return self._ring(seed, poses, camera, rounds)
+            return self._ring(seed, poses, camera, views)
         assignment = result.assignment()
-        ring = self._ring_to_compare(seed, poses, camera, rounds)
+        ring = self._ring_to_compare(seed, poses, camera, views)
         self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
         return assignment
 
@@ -85,23 +85,23 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
         taken: Sequence[CameraPose],
     ) -> Assignment | None:
-        """Plan the rounds that are left, beside what was ``taken``, and publish them.
+        """Plan the ``views`` that are left, beside what was ``taken``, and publish them.
 
         None when there is no such plan.
         """
         try:
             async with asyncio.timeout(self._config.mission.plan_timeout_s):
-                result = await self._ask_worker(seed, poses, camera, rounds, taken)
+                result = await self._ask_worker(seed, poses, camera, views, taken)
         except (TimeoutError, JobFailedError) as error:
             reason = str(error) or "not ready in time"
             self._events.publish(Noted("warning", f"No new plan ({reason}): the old one is flown."))
             await self.cancel()
             return None
         assignment = result.assignment()
-        ring = self._ring_to_compare(seed, poses, camera, rounds)
+        ring = self._ring_to_compare(seed, poses, camera, views)
         self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
         return assignment
 
@@ -115,7 +115,7 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
         taken: Sequence[CameraPose] = (),
     ) -> PlanResult:
         wanted = PlanInput(
@@ -126,7 +126,8 @@ class Planning:
             tilt_rad=float(np.deg2rad(camera.tilt_deg)),
             drones={d: _place(pose) for d, pose in poses.items()},
             taken=[_place(pose) for pose in taken],
-            rounds=rounds,
+            rounds=_rounds(views, poses),
+            pictures=views,
             config=asdict(self._config.planner),
             priorities=[
                 (part.box.lower.tolist(), part.box.upper.tolist(), part.weight)
@@ -154,10 +155,10 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
     ) -> Assignment | None:
         try:
-            return ring_assignment(list(poses), self._ring_views(seed, poses, camera, rounds))
+            return ring_assignment(list(poses), self._ring_views(seed, poses, camera, views))
         except PlanError:
             return None
 
@@ -166,9 +167,9 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
     ) -> Assignment:
-        viewpoints = self._ring_views(seed, poses, camera, rounds)
+        viewpoints = self._ring_views(seed, poses, camera, views)
         assignment = ring_assignment(list(poses), viewpoints)
         chosen = tuple(view for entry in viewpoints for view in entry)
         self._events.publish(PlanFound(Placement(chosen, 0.0, {}, len(chosen)), assignment))
@@ -179,18 +180,22 @@ class Planning:
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
         camera: DroneConfig,
-        rounds: int,
+        views: int,
     ) -> Rounds:
         offsets = [pose.position_world - seed.outer.centre for pose in poses.values()]
         return standard_ring(
             seed.outer,
             len(poses),
-            rounds,
+            _rounds(views, poses),
             camera.intrinsics,
             float(np.deg2rad(camera.tilt_deg)),
             self._config.planner,
             [float(np.arctan2(offset[1], offset[0])) for offset in offsets],
         )
+
+
+def _rounds(views: int, poses: Mapping[str, CameraPose]) -> int:
+    return -(-views // len(poses))
 
 
 def _place(pose: CameraPose) -> tuple[float, float, float, float]:

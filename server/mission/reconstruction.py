@@ -57,6 +57,7 @@ class Reconstruction:
         self._job: Job | None = None
         self._following: asyncio.Task[dict[str, Any]] | None = None
         self._finishing_since_s: float | None = None
+        self._viewing = asyncio.Lock()
         self.cancelled = False
 
     def seconds_total(self) -> float:
@@ -145,7 +146,8 @@ class Reconstruction:
         wanted = (
             None if view is None else OrbitView(view.azimuth_rad, view.elevation_rad, view.distance)
         )
-        await asyncio.to_thread(want_view, self._folder, wanted)
+        async with self._viewing:  # The newest wish is also the last one written.
+            await asyncio.to_thread(want_view, self._folder, wanted)
 
     async def cancel(self) -> None:
         """End the worker if it runs."""
@@ -183,6 +185,8 @@ class Reconstruction:
         return result
 
     def _publish_preview(self, event: dict[str, Any]) -> None:
+        if "view" not in event:
+            return  # A worker of an earlier version is not worth less for that.
         self._events.publish(
             PreviewRendered(
                 (self._run.path / event["file"]).read_bytes(),

@@ -237,10 +237,9 @@ class Steps:
         self._state.more_wanted = False
         poses = {d: self._tools.pilot.pose(d) for d in self._state.crew}
         camera = self._tools.fleet.drones[self._state.crew[0]].config
-        rounds = -(-self._state.pictures // len(poses))
         try:
             self._state.assignment = await self._tools.planning.rounds(
-                self._state.seed, poses, camera, rounds
+                self._state.seed, poses, camera, self._state.pictures
             )
         except PlanError as error:
             raise StepFailedError(f"no flight is possible: {error}") from error
@@ -282,7 +281,7 @@ class Steps:
             self._note("warning", text, drone_id)
         training = self._request.train_seconds > 0
         if training and photographer.taken >= min(4, self._state.pictures):
-            await self._tools.reconstruction.start()
+            await self._begin_training()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
         self.seeding.refine(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
@@ -292,6 +291,13 @@ class Steps:
         else:
             state.progress = state.progress.with_rounds(state.progress.round_index + 1)
 
+    async def _begin_training(self) -> None:
+        """Train beside the flight; one that cannot begin is tried again, and the flight goes on."""
+        try:
+            await self._tools.reconstruction.start()
+        except (JobFailedError, OSError) as error:
+            self._note("warning", f"The training does not begin yet ({error}).")
+
     async def _plan_anew(self, next_round: int) -> None:
         """Plan what is left anew when the operator wants other parts or more pictures meanwhile."""
         state, planning = self._state, self._tools.planning
@@ -300,15 +306,16 @@ class Steps:
             return
         state.more_wanted = False
         photographer = self._tools.photographer
-        left = self._state.pictures - photographer.taken
+        left = state.pictures - photographer.taken
         poses = {d: self._tools.pilot.pose(d) for d in state.crew}
         camera = self._tools.fleet.drones[state.crew[0]].config
-        rounds = -(-left // len(poses))
-        assignment = await planning.rounds_anew(
-            state.seed, poses, camera, rounds, photographer.poses
-        )
-        if assignment is None:
-            state.more_wanted = state.more_wanted or more
+        assignment = await planning.rounds_anew(state.seed, poses, camera, left, photographer.poses)
+        if assignment is None and next_round < len(state.assignment.rounds):
+            state.more_wanted = state.more_wanted or more  # After the next round, perhaps.
+        elif assignment is None:
+            if more:
+                state.pictures = photographer.taken
+                self._note("warning", f"It stays at {photographer.taken} pictures.")
         else:
             flown = state.assignment.rounds[:next_round]
             state.assignment = Assignment(flown + assignment.rounds)
@@ -448,10 +455,10 @@ class Steps:
             raise StepFailedError(f"only {taken} pictures were taken")
         if self._request.train_seconds == 0:
             return
-        await self._tools.reconstruction.start()
         try:
+            await self._tools.reconstruction.start()
             await self._tools.reconstruction.finish(self._tools.recorder.seconds)
-        except JobFailedError as error:
+        except (JobFailedError, OSError) as error:
             raise StepFailedError(f"the reconstruction failed: {error}") from error
         finally:
             for drone_id in self._state.drones:

@@ -103,6 +103,8 @@ class Wing:
         start: Its nominal start place.
         tilt_rad: How far its camera looks down.
         goal: What is wanted of it, None for nothing.
+        sticks_free: True once its sticks were seen at rest since it began to fly freely: before,
+            they may be pushed by a hand that does not know.
         radius_m: How far out it centres the object.
         tracker: Its PID loops.
         flown: True once it has taken off since it was last set down at its start place.
@@ -120,6 +122,7 @@ class Wing:
         self.start = start
         self.tilt_rad = float(np.deg2rad(drone.config.tilt_deg))
         self.goal: Centre | Fly | Trim | Steered | None = None
+        self.sticks_free = False
         self.radius_m = float(np.hypot(*start.position_world[:2]))
         self.tracker = BoxTracker(config.planner.tracking)
         self.flown = False

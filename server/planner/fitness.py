@@ -137,8 +137,11 @@ def problem_from_table(
     # Every patch keeps a little priority, so that an object without hollows is no special case.
     priority = counted * (0.02 + samples.concavity**2)
     area_share = counted / counted.sum()
+    # What candidates are measured by is what candidates can do, wherever pictures were taken.
+    free = slice(len(candidates) - taken)
     agreement = table.agreement @ area_share
-    saturation = np.log1p(table.detail_px_per_m2.max() / config.detail_px_per_m2)
+    finest = max(float(table.detail_px_per_m2[free].max()), 1e-9)
+    detail = np.log1p(table.detail_px_per_m2 / config.detail_px_per_m2)
     lower, upper = samples.points.min(axis=0), samples.points.max(axis=0)
     positions = np.array([v.position_world for v in candidates])
     directions = positions - union((Box3(lower, upper),)).centre
@@ -151,10 +154,10 @@ def problem_from_table(
         config=config,
         area_share=area_share,
         priority_share=priority / priority.sum(),
-        quality=_quality(table, config),
-        detail=np.log1p(table.detail_px_per_m2 / config.detail_px_per_m2) / saturation,
+        quality=_quality(table, free, config),
+        detail=np.minimum(1.0, detail / np.log1p(finest / config.detail_px_per_m2)),
         spread=_spread_gain(directions, config),
-        agreement=agreement / max(float(agreement.max()), 1e-12),
+        agreement=np.minimum(1.0, agreement / max(float(agreement[free].max()), 1e-12)),
         overlap_pairs=_overlap_pairs(angles, table, area_share, config),
         angles_rad=angles,
         neighbours=_nearest(positions, neighbours),
@@ -278,8 +281,8 @@ def _angles(a: Array, b: Array) -> Array:
     return np.arccos(np.clip(a @ b.T, -1.0, 1.0))
 
 
-def _quality(table: VisibilityTable, config: FitnessConfig) -> Array:
-    sharpest = np.maximum(table.detail_px_per_m2.max(axis=0), 1e-9)
+def _quality(table: VisibilityTable, free: slice, config: FitnessConfig) -> Array:
+    sharpest = np.maximum(table.detail_px_per_m2[free].max(axis=0), 1e-9)
     return np.minimum(1.0, table.detail_px_per_m2 / (config.sharp_share * sharpest))
 
 

@@ -29,8 +29,9 @@ def plan_mission(
     cancelled: CancelCheck | None = None,
     uncertainty: SurfaceUncertainty | None = None,
     taken: Sequence[Viewpoint] = (),
+    pictures: int | None = None,
 ) -> tuple[Placement, Assignment]:
-    """Choose drones x rounds viewpoints around ``seed`` and share them out.
+    """Choose viewpoints around ``seed`` and share them out.
 
     Args:
         seed: The object's crude geometry.
@@ -44,6 +45,7 @@ def plan_mission(
         cancelled: Asked as often; True ends the search with the best choice so far.
         uncertainty: How little the field knows of the surface; the policy uncertain needs it and
             without it anneals as if everything were known equally well.
+        pictures: How many to choose, None: one for each drone in each round.
         taken: Where pictures were taken already; what is chosen adds to them.
 
     Returns:
@@ -59,7 +61,7 @@ def plan_mission(
     problem = placement_problem(seed, intrinsics, tilt_rad, config, uncertainty, taken)
     placement = place(
         problem,
-        len(taken) + len(drone_poses) * rounds,
+        len(taken) + (len(drone_poses) * rounds if pictures is None else pictures),
         config.annealing,
         np.random.default_rng(seed_value),
         on_progress,

@@ -29,13 +29,13 @@ class _Outset:
         seed: The geometry.
         poses: Those of the crew.
         camera: What all of them fly.
-        rounds: How many rounds are left.
+        views: How many pictures are left.
     """
 
     seed: SeedGeometry
     poses: Mapping[str, CameraPose]
     camera: DroneConfig
-    rounds: int
+    views: int
 
 
 class RecordedPlanning:
@@ -107,7 +107,7 @@ class RecordedPlanning:
             self._warn("no plan: there is no seed geometry to plan for")
             return
         try:
-            await self._planning.rounds(outset.seed, outset.poses, outset.camera, outset.rounds)
+            await self._planning.rounds(outset.seed, outset.poses, outset.camera, outset.views)
         except PlanError as error:
             self._warn(f"no plan: {error}")
 
@@ -116,7 +116,7 @@ class RecordedPlanning:
         left = self._between_rounds
         if left is not None:
             await self._planning.rounds_anew(
-                left.seed, left.poses, left.camera, left.rounds, self._taken
+                left.seed, left.poses, left.camera, left.views, self._taken
             )
 
     def _outset(self, at_s: float) -> _Outset | None:
@@ -129,7 +129,7 @@ class RecordedPlanning:
             seed,
             {drone_id: self._pilot.pose(drone_id, at_s) for drone_id in crew},
             self._fleet.drones[crew[0]].config,
-            rounds=-(-left // len(crew)),
+            views=left,
         )
 
     def _warn(self, text: str, drone_id: str | None = None) -> None:

@@ -90,6 +90,7 @@ class CaptureLayer:
             node.visible = False
         self._planned.clear()
         self._ring.clear()
+        self._spare = None
         self._pictures.clear()
         return True
 

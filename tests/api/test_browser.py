@@ -24,7 +24,7 @@ from served_console import TOKEN, Console, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
-from server.mission.commands import Sticks
+from server.mission.commands import AT_REST, Sticks
 from server.mission.events import (
     EventStream,
     FieldView,
@@ -314,17 +314,21 @@ async def test_a_drone_is_flown_by_hand_as_long_as_a_key_is_held(
     async with serve(tmp_path, dist=DIST) as console:
         calls = console.mission.calls
         await dashboard(console, page)
-        await page.keyboard.press("w")
+        await page.keyboard.down("w")
         await page.get_by_test_id("manual-drone-2").click()
-        assert calls == []
+        await expect(page.get_by_role("button", name="Ahead")).to_be_visible()
+        rest = ("steer", ("drone-2", AT_REST))
+        await until(lambda: bool(calls))
+        await asyncio.sleep(0.5)
+        assert calls == [rest], "a key that was held before means nothing"
+        await page.keyboard.up("w")
         await page.keyboard.down("w")
         await page.keyboard.down("q")
         await until(lambda: len(calls) > 5)
         assert calls[-1] == ("steer", ("drone-2", Sticks(1.0, 0.0, 0.0, 1.0)))
         await page.keyboard.up("q")
         await page.keyboard.up("w")
-        neutral = ("steer", ("drone-2", Sticks(0.0, 0.0, 0.0, 0.0)))
-        await until(lambda: calls[-1] == neutral)
+        await until(lambda: calls[-1] == rest)
         said = len(calls)
         # A button is held by the mouse; the space bar stops all, whatever is held.
         button = page.get_by_role("button", name="Back")
@@ -334,7 +338,7 @@ async def test_a_drone_is_flown_by_hand_as_long_as_a_key_is_held(
         await page.keyboard.press("Space")
         await until(lambda: console.stops.calls == [("hold", None)])
         await page.mouse.up()
-        await until(lambda: calls[-1] == neutral)
+        await until(lambda: calls[-1] == rest)
         assert len(calls) > said
         # A capture that begins takes the sticks away.
         console.mission.events.publish(capture_changed("run-7"))
@@ -366,7 +370,6 @@ async def test_the_field_is_turned_while_it_is_trained(tmp_path: Path, page: Pag
         # It begins where the newest rendering was seen from, and what is grabbed comes along.
         await until(lambda: bool(views()) and abs(views()[-1].azimuth_rad + 0.285) < 0.02)
         assert views()[-1].elevation_rad == pytest.approx(0.2)
-        assert len(views()) < 8, "what was wanted in between is nobody's wish"
         await preview.focus()
         await page.keyboard.press("+")
         await until(lambda: views()[-1].distance < 1.0)

@@ -112,10 +112,17 @@ def test_only_who_is_in_command_steers_and_steering_is_a_sign_of_life(
     assert mission.steered == [("drone-1", Sticks(0.5, 0.0, -1.0, 0.0))]
 
 
+def test_sticks_take_no_command(desk: CommandDesk, mission: Mission) -> None:
+    desk.take_message(sticks_of("tab-1"))
+    assert mission.steered == []
+    assert desk.standing() == []
+
+
 def test_sticks_that_come_too_late_to_count_are_dropped(
     desk: CommandDesk, mission: Mission
 ) -> None:
     mission.refuses = True
+    desk.take_message(Heartbeat(client="tab-1"))
     desk.take_message(sticks_of("tab-1"))
     assert mission.steered == []
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import asyncio
 from dataclasses import replace
 
-import numpy as np
-
 from server.mission.chronicle import Chronicle, follow
-from server.mission.events import CaptureChanged, EventStream, Noted, PosesRefined
+from server.mission.events import CaptureChanged, Event, EventStream, MetricsMeasured, Noted
+from server.stages import Metrics
 
 START = CaptureChanged(
     id="night-fox",
@@ -26,7 +25,7 @@ START = CaptureChanged(
 )
 
 
-def told(*course: CaptureChanged | PosesRefined) -> list[tuple[str, str]]:
+def told(*course: Event) -> list[tuple[str, str]]:
     chronicle = Chronicle()
     return [(line.level, line.text) for event in course for line in chronicle.lines(event)]
 
@@ -42,18 +41,18 @@ def test_a_capture_that_goes_well_is_told_from_its_start_to_its_end() -> None:
         replace(START, phase="capture", round_index=1, images=4),
         replace(START, phase="land", round_index=1, images=8),
         replace(START, phase="train", round_index=1, images=8),
-        PosesRefined(np.zeros((8, 4, 4)), np.arange(8) > 0),
+        MetricsMeasured(Metrics(24, 3, 23.456, 0.8, 0.1, None)),
         replace(START, phase="done", state="succeeded", round_index=1, images=8),
     )
     assert [text for _, text in story] == [
         "Capture night-fox: 8 pictures wanted.",
-        "Checklist clear: taking off.",
+        "Taking off.",
         "In the air: turning to the object.",
         "Round 1 of 2: 4 of 8 pictures.",
         "Round 2 of 2: 8 of 8 pictures.",
         "Landing.",
         "On the ground with 8 pictures.",
-        "Poses refined: 7 of 8 pictures.",
+        "Held-out pictures: 23.46 dB, SSIM 0.800.",
         "Capture complete.",
     ]
     assert {level for level, _ in story} == {"info"}
@@ -78,6 +77,10 @@ def test_a_pause_and_an_early_end_are_told() -> None:
 def test_what_becomes_of_an_earlier_capture_is_not_told_as_this_ones() -> None:
     earlier = replace(START, id="old-owl", state="interrupted", phase="fly")
     assert told(earlier, START, earlier) == told(START)
+
+
+def test_figures_that_an_adopted_training_tells_again_are_not_told_again() -> None:
+    assert told(MetricsMeasured(Metrics(24, 3, 23.456, 0.8, 0.1, None))) == []
 
 
 async def test_the_lines_go_back_into_the_stream() -> None:

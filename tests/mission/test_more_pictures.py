@@ -11,9 +11,11 @@ import pytest
 from virtual_console import REQUEST, in_phase, tell
 
 from server.bench.missions.virtual_flight import VirtualFlight
+from server.jobs.runner import JobFailedError
 from server.mission.commands import RefusedError
 from server.mission.control import Control
 from server.mission.events import CaptureTaken, EventStream, Noted, PlanFound
+from server.mission.planning import Planning
 from server.swarm.fleet import Fleet
 
 pytestmark = pytest.mark.slow
@@ -23,7 +25,9 @@ News = PlanFound | CaptureTaken | Noted
 
 async def listen(events: EventStream, news: list[News]) -> None:
     with events.subscribe(4096) as subscription:
-        news.extend([event async for event in subscription if isinstance(event, News)])
+        async for event in subscription:
+            if isinstance(event, News):
+                news.append(event)  # noqa: PERF401 - one by one, for it never ends.
 
 
 def test_pictures_wanted_in_the_last_round_are_planned_beside_those_taken(tmp_path: Path) -> None:
@@ -69,5 +73,72 @@ def test_what_cannot_be_had_is_refused(tmp_path: Path) -> None:
         with pytest.raises(RefusedError, match="way down"):
             await control.add_pictures(record.status.id, 4)
         assert control.capture(record.status.id).status.images_total == 8
+
+    tell(story, tmp_path)
+
+
+def test_a_plan_that_fails_at_the_end_leaves_the_capture_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        record = await control.start_capture(replace(REQUEST, pictures=4))
+        await in_phase(control, "tune")
+
+        async def fail(*_: object) -> None:
+            raise JobFailedError("no room")
+
+        monkeypatch.setattr(Planning, "_ask_worker", fail)
+        await control.add_pictures(record.status.id, 4)
+        record = await control.wait_for_capture(record.status.id)
+        assert record.status.state == "succeeded"
+        assert (record.status.images, record.status.images_total) == (4, 4)
+
+    tell(story, tmp_path)
+
+
+def test_nothing_is_added_once_all_pictures_are_taken(tmp_path: Path) -> None:
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        record = await control.start_capture(replace(REQUEST, pictures=4))
+        await in_phase(control, "capture")
+        await control.pause_capture(record.status.id)
+        await asyncio.sleep(10.0)
+        with pytest.raises(RefusedError, match="taken already"):
+            await control.add_pictures(record.status.id, 4)
+        await control.resume_capture(record.status.id)
+        record = await control.wait_for_capture(record.status.id)
+        assert (record.status.state, record.status.images) == ("succeeded", 4)
+
+    tell(story, tmp_path)
+
+
+def test_a_single_picture_more_is_the_one_that_was_planned(tmp_path: Path) -> None:
+    news: list[News] = []
+
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        listening = asyncio.create_task(listen(control.events, news))
+        record = await control.start_capture(replace(REQUEST, pictures=4))
+        await in_phase(control, "tune")
+        await control.add_pictures(record.status.id, 1)
+        record = await control.wait_for_capture(record.status.id)
+        assert record.status.images == 5
+        listening.cancel()
+
+    tell(story, tmp_path)
+    _, later = (event for event in news if isinstance(event, PlanFound))
+    (wanted,) = later.placement.viewpoints
+    *_, last = (event for event in news if isinstance(event, CaptureTaken))
+    off_m = np.linalg.norm(wanted.position_world - last.capture.pose.position_world)
+    assert off_m < 0.5
+
+
+def test_a_training_that_cannot_begin_ends_no_flight(tmp_path: Path) -> None:
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        # In virtual time nothing is trained.
+        record = await control.start_capture(replace(REQUEST, train_seconds=5.0))
+        record = await control.wait_for_capture(record.status.id)
+        assert record.status.images == 8
+        assert record.status.error == (
+            "the reconstruction failed: no reconstruct jobs in virtual time"
+        )
 
     tell(story, tmp_path)

@@ -34,6 +34,8 @@ class FakeJob:
         self.ended: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
 
     async def events(self) -> AsyncIterator[dict[str, Any]]:
+        # A worker of an earlier version does not say where its previews were seen from.
+        yield {"event": "preview", "at_s": 0.0, "file": "preview.jpg", "T_world_cam": []}
         yield {"event": "done", "at_s": 0.0} | await self.ended
 
     async def cancel(self) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from virtual_console import REQUEST, in_phase, tell, until
 
+from server.bench.missions.inline_jobs import InlineJob, InlineRunner
 from server.bench.missions.virtual_flight import VirtualFlight
-from server.mission.commands import RefusedError, Sticks
+from server.jobs.spec import JobSpec
+from server.mission.commands import AT_REST, RefusedError, Sticks
 from server.mission.control import Control
 from server.swarm.config import SafetyConfig
 from server.swarm.fleet import Fleet
@@ -30,6 +33,7 @@ async def taken_off(control: Control, fleet: Fleet) -> None:
     await control.command_drone(PILOTED, "takeoff")
     await until(lambda: drone.activity == "flying")
     await asyncio.sleep(1.0)
+    control.steer(PILOTED, AT_REST)
 
 
 async def push(control: Control, sticks: Sticks, seconds: float) -> None:
@@ -74,11 +78,11 @@ def test_it_goes_where_the_sticks_point_and_hovers_when_they_fall_silent(tmp_pat
 def test_no_stick_carries_it_over_the_fence_or_into_the_object(tmp_path: Path) -> None:
     async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
         await taken_off(control, fleet)
-        for sticks in (AHEAD, BACK):
-            await push(control, sticks, 20.0)
-            assert fleet.drones[PILOTED].activity in ("flying", "holding")
-            middle_m = float(np.linalg.norm(place(flight)[:2]))
-            assert 0.5 < middle_m < SafetyConfig().fence_radius_m
+        for sticks, seconds in ((AHEAD, 20.0), (BACK, 90.0)):
+            for _ in range(round(seconds)):
+                await push(control, sticks, 1.0)
+                assert 0.5 < np.linalg.norm(place(flight)[:2]) < SafetyConfig().fence_radius_m
+        assert np.linalg.norm(place(flight)[:2]) > 3.0, "it has come to the fence"
 
     tell(story, tmp_path)
 
@@ -97,13 +101,49 @@ def test_sticks_move_nothing_that_a_capture_flies_that_is_held_or_that_stands(
         await asyncio.sleep(2.0)
         assert speed(flight) < 0.1
         fleet.drones[PILOTED].rearm()
+        # Sticks that are pushed when it is re-armed must come to rest first.
+        await push(control, LEFT, 2.0)
+        assert speed(flight) < 0.1
+        control.steer(PILOTED, AT_REST)
+        await push(control, LEFT, 1.5)
+        assert speed(flight) > 0.1
+        with pytest.raises(RefusedError, match="in the air; land first"):
+            await control.start_capture(REQUEST)
         fleet.land(PILOTED)
         await until(lambda: fleet.drones[PILOTED].activity == "ground")
         record = await control.start_capture(REQUEST)
+        with pytest.raises(RefusedError, match="capture is running"):
+            control.steer(PILOTED, AT_REST)
         await in_phase(control, "centre")
         with pytest.raises(RefusedError, match="capture is running"):
             control.steer(PILOTED, LEFT)
         await control.abort_capture(record.status.id)
         await control.wait_for_capture(record.status.id)
+
+    tell(story, tmp_path)
+
+
+def test_a_drone_that_took_off_again_outlives_the_end_of_the_capture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = InlineRunner.submit
+
+    async def submit(runner: InlineRunner, spec: JobSpec, folder: Path) -> InlineJob:
+        trains = spec.kind == "reconstruct"
+        return InlineJob(spec, hangs=True) if trains else await plan(runner, spec, folder)
+
+    monkeypatch.setattr(InlineRunner, "submit", submit)
+
+    async def story(_: VirtualFlight, control: Control, fleet: Fleet) -> None:
+        drone = fleet.drones[PILOTED]
+        record = await control.start_capture(replace(REQUEST, pictures=4, train_seconds=5.0))
+        await in_phase(control, "train")
+        await control.command_drone(PILOTED, "takeoff")
+        await until(lambda: drone.activity == "flying")
+        await control.abort_capture(record.status.id)
+        record = await control.wait_for_capture(record.status.id)
+        assert record.status.state == "aborted"
+        await asyncio.sleep(2.0)
+        assert drone.activity == "flying"
 
     tell(story, tmp_path)

@@ -271,6 +271,24 @@ def test_the_ring_is_shown_beside_the_plan_or_instead_of_it(drawn: Drawn) -> Non
     assert shown() == (False, False)
 
 
+def test_candidates_left_over_are_brighter_the_more_they_would_add(drawn: Drawn) -> None:
+    spare = tuple(Viewpoint(np.array([1.0 * n, 0.0, 1.0]), 0.0) for n in range(3))
+    gains = np.array([0.0, 0.01, 0.02])
+    placement = Placement((), 0.5, {}, 100, spare=spare, spare_gains=gains)
+    drawn.draw(PlanFound(placement, Assignment(())))
+    points = drawn.node("/plan/candidates")
+    assert isinstance(points, viser.PointCloudHandle)
+    brightness = points.colors.astype(float).sum(axis=1)
+    assert (np.diff(brightness) > 0.0).all()
+    np.testing.assert_allclose(points.points[:, 0], [0.0, 1.0, 2.0], atol=1e-3)
+    drawn.draw(PlanViewChosen("ring"))
+    assert not points.visible
+    # Those of an earlier capture stay away, whatever is chosen.
+    drawn.draw(capture_changed("another"))
+    drawn.draw(PlanViewChosen("planned"))
+    assert not points.visible
+
+
 def test_refined_poses_move_the_pictures(drawn: Drawn) -> None:
     drawn.draw(pose(), taken(0, 0.0), taken(1, 1.0))
     refined = np.stack([camera_pose(np.array([9.0, float(i), 1.0]), 0.0, 0.0) for i in range(3)])

@@ -9,6 +9,7 @@ import { PlanScreen } from "./plan/PlanScreen";
 import { PreflightSheet } from "./preflight/PreflightSheet";
 import { ReconstructScreen } from "./reconstruct/ReconstructScreen";
 import { SetupScreen } from "./setup/SetupScreen";
+import { ScreenBoundary } from "./shell/ScreenBoundary";
 import { screenOfHash, screenWord, useHash, type Screen } from "./shell/screens";
 import { words } from "./text/words";
 
@@ -32,11 +33,13 @@ export function App() {
           tabIndex={-1}
           inert={preparing !== null}
         >
-          {screen === "fly" && <FlyScreen onPrepare={setPreparing} />}
-          {screen === "plan" && <PlanScreen />}
-          {screen === "reconstruct" && <ReconstructScreen />}
-          {screen === "library" && <LibraryScreen captureId={rest} />}
-          {screen === "setup" && <SetupScreen />}
+          <ScreenBoundary key={screen}>
+            {screen === "fly" && <FlyScreen onPrepare={setPreparing} />}
+            {screen === "plan" && <PlanScreen />}
+            {screen === "reconstruct" && <ReconstructScreen />}
+            {screen === "library" && <LibraryScreen captureId={rest} />}
+            {screen === "setup" && <SetupScreen />}
+          </ScreenBoundary>
         </main>
         {preparing !== null && (
           <PreflightSheet

@@ -232,8 +232,7 @@ export class Operator {
 
   /** Push a drone's sticks; lost with the line, as it should be. */
   steer(droneId: string, sticks: Sticks): void {
-    if (!this.store.get().inCommand) this.#command.take();
-    this.#stream.steer(droneId, sticks);
+    if (this.store.get().command.holder === clientId) this.#stream.steer(droneId, sticks);
   }
 
   /** Have more pictures taken than was asked for; an alarm when it was refused. */

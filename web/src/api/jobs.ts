@@ -1,5 +1,8 @@
 import { request, requestAll } from "./request";
 
+/** A worker is asked first, then told, and then ended: that may take this long. */
+const CANCEL_MS = 30_000;
+
 /** A background job as it stands. */
 export interface Job {
   readonly id: string;
@@ -49,5 +52,5 @@ export async function startTraining(wish: TrainingWish): Promise<void> {
 
 /** @throws RequestError when it is not answered. */
 export async function cancelJob(jobId: string): Promise<void> {
-  await request("POST", `/jobs/${encodeURIComponent(jobId)}/cancel`);
+  await request("POST", `/jobs/${encodeURIComponent(jobId)}/cancel`, undefined, CANCEL_MS);
 }

@@ -1,4 +1,5 @@
 import { useEffect, useRef, useState } from "react";
+import { clientId } from "../api/client";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
@@ -20,7 +21,11 @@ export function ManualPanel() {
   const [wanted, setWanted] = useState<string | null>(null);
   const ids = steerable === "" ? [] : steerable.split("\n");
   const droneId = wanted !== null && ids.includes(wanted) ? wanted : null;
+  // A drone that was held, or has landed, is chosen again by hand and not by itself.
+  if (wanted !== null && droneId === null) setWanted(null);
   const drones = useConsole((state) => state.drones);
+  const holder = useConsole((state) => state.command.holder);
+  const operator = useOperator();
   const text = words.manual;
   if (ids.length === 0) return null;
   return (
@@ -34,13 +39,22 @@ export function ManualPanel() {
             data-testid={`manual-${id}`}
             onClick={() => {
               setWanted(droneId === id ? null : id);
+              if (holder === null) operator.takeCommand();
             }}
           >
             {drones.get(id)?.report.name ?? id}
           </button>
         ))}
       </div>
-      {droneId === null ? <p className="hint">{text.choose}</p> : <Pad key={droneId} droneId={droneId} />}
+      {droneId === null ? (
+        <p className="hint">{text.choose}</p>
+      ) : holder === clientId ? (
+        <Pad key={droneId} droneId={droneId} />
+      ) : (
+        <p className="hint" role="status">
+          {holder === null ? text.waiting : text.other}
+        </p>
+      )}
     </Panel>
   );
 }
@@ -122,7 +136,7 @@ function useHand(droneId: string): { readonly current: Hand | null } {
       (sticks) => {
         operator.steer(droneId, sticks);
       },
-      () => navigator.getGamepads(),
+      { pads: gamepads, seen: () => !document.hidden },
     );
     hand.current = own;
     own.start();
@@ -138,11 +152,16 @@ function useHand(droneId: string): { readonly current: Hand | null } {
 
 function listenForPushes(hand: Hand): () => void {
   const down = (event: KeyboardEvent) => {
+    if (event.ctrlKey || event.altKey || event.metaKey) {
+      // Some systems keep the release of other keys to themselves while such a key is down.
+      hand.letGo();
+      return;
+    }
     const push = pushOfKey(event.code);
-    const meant = event.ctrlKey || event.altKey || event.metaKey || takesText(event.target as KeyTarget | null);
-    if (push === null || meant) return;
+    if (push === null || isElsewhere(event.target)) return;
     event.preventDefault();
-    hand.push(push);
+    // A key that was held before the drone could be flown repeats, and means nothing.
+    if (!event.repeat) hand.push(push);
   };
   const up = (event: KeyboardEvent) => {
     const push = pushOfKey(event.code);
@@ -152,16 +171,21 @@ function listenForPushes(hand: Hand): () => void {
   const away = () => {
     hand.letGo();
   };
-  window.addEventListener("keydown", down);
-  window.addEventListener("keyup", up);
-  window.addEventListener("blur", away);
-  document.addEventListener("visibilitychange", away);
+  const listeners = new AbortController();
+  const { signal } = listeners;
+  window.addEventListener("keydown", down, { signal });
+  window.addEventListener("keyup", up, { signal });
+  for (const event of ["blur", "contextmenu"]) window.addEventListener(event, away, { signal });
+  document.addEventListener("visibilitychange", away, { signal });
   return () => {
-    window.removeEventListener("keydown", down);
-    window.removeEventListener("keyup", up);
-    window.removeEventListener("blur", away);
-    document.removeEventListener("visibilitychange", away);
+    listeners.abort();
   };
+}
+
+/** True where a letter is meant for something else: a field, a choice, a sheet above the screen. */
+function isElsewhere(target: EventTarget | null): boolean {
+  if (takesText(target as KeyTarget | null) || target instanceof HTMLSelectElement) return true;
+  return document.querySelector("main")?.inert === true;
 }
 
 /** The name of the first gamepad at hand; a browser shows it once one of its buttons was pressed. */
@@ -182,5 +206,14 @@ function useGamepadName(): string | null {
 }
 
 function firstPad(): string | null {
-  return navigator.getGamepads().find((pad) => pad !== null)?.id ?? null;
+  return gamepads().find((pad) => pad !== null)?.id ?? null;
+}
+
+/** The gamepads at hand; none where the browser keeps them to secure pages, or a policy forbids them. */
+function gamepads(): readonly (Gamepad | null)[] {
+  try {
+    return navigator.getGamepads();
+  } catch {
+    return [];
+  }
 }

@@ -7,17 +7,18 @@ const HELD = Array.from({ length: 8 }, (_, index) => ({ pressed: index === 5 }))
 describe("a hand on the sticks", () => {
   let sent: Sticks[];
   let pads: (Pad | null)[];
+  let seen: boolean;
   let hand: Hand;
 
   beforeEach(() => {
     vi.useFakeTimers();
     sent = [];
     pads = [];
-    hand = new Hand(
-      (sticks) => sent.push(sticks),
-      () => pads,
-    );
+    seen = true;
+    hand = new Hand((sticks) => sent.push(sticks), { pads: () => pads, seen: () => seen });
     hand.start();
+    expect(sent).toEqual([NEUTRAL]);
+    sent = [];
   });
 
   afterEach(() => {
@@ -57,7 +58,38 @@ describe("a hand on the sticks", () => {
     expect(sent).toHaveLength(said);
   });
 
+  it("flies nothing that nobody sees", () => {
+    pads = [{ axes: [0, 0, 0, -1], buttons: [] }];
+    vi.advanceTimersByTime(100);
+    pads = [{ axes: [0, 0, 0, -1], buttons: HELD }];
+    vi.advanceTimersByTime(100);
+    expect(sent.at(-1)).toMatchObject({ forward: 1 });
+    seen = false;
+    vi.advanceTimersByTime(100);
+    expect(sent.at(-1)).toEqual(NEUTRAL);
+    const said = sent.length;
+    vi.advanceTimersByTime(1000);
+    expect(sent).toHaveLength(said);
+  });
+
+  it("does not take over a gamepad that is held already", () => {
+    pads = [{ axes: [0, 0, 0, -1], buttons: HELD }];
+    vi.advanceTimersByTime(500);
+    expect(sent).toEqual([]);
+    pads = [{ axes: [0, 0, 0, -1], buttons: [] }];
+    vi.advanceTimersByTime(100);
+    pads = [{ axes: [0, 0, 0, -1], buttons: HELD }];
+    vi.advanceTimersByTime(100);
+    expect(sent.at(-1)).toMatchObject({ forward: 1 });
+    // Let go from outside, it has to be let go itself.
+    hand.letGo();
+    const said = sent.length;
+    vi.advanceTimersByTime(500);
+    expect(sent).toHaveLength(said);
+  });
+
   it("follows a gamepad while its shoulder button is held, but keys have the word", () => {
+    vi.advanceTimersByTime(100);
     pads = [null, { axes: [0, 0, 0, -1], buttons: HELD }];
     vi.advanceTimersByTime(100);
     expect(sent.at(-1)).toMatchObject({ forward: 1 });

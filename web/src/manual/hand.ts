@@ -3,27 +3,38 @@ import { isNeutral, NEUTRAL, sticksOfPad, sticksOfPushes, type Pad, type Push, t
 /** Ten times a second; the server lets the drone hover after four tenths without. */
 const EVERY_MS = 100;
 
+/** What a hand feels: the gamepads, and whether anybody sees the drone it flies. */
+export interface Senses {
+  readonly pads: () => Iterable<Pad | null>;
+  readonly seen: () => boolean;
+}
+
 /**
  * The hand on the sticks of one drone.
  *
  * While something is pushed the sticks are sent again and again; let go, they are sent once more as
  * neutral, and then nothing is. A page that is hidden, closed or has lost its line is silent too, and
- * a silent hand lets the drone hover.
+ * a silent hand lets the drone hover. A gamepad that is held already when the hand comes does not
+ * count before it was let go.
  */
 export class Hand {
   readonly #send: (sticks: Sticks) => void;
-  readonly #pads: () => Iterable<Pad | null>;
+  readonly #senses: Senses;
   readonly #pushes = new Set<Push>();
   #pushed = false;
+  #padsFree = false;
   #timer: ReturnType<typeof setInterval> | undefined;
 
-  constructor(send: (sticks: Sticks) => void, pads: () => Iterable<Pad | null>) {
+  constructor(send: (sticks: Sticks) => void, senses: Senses) {
     this.#send = send;
-    this.#pads = pads;
+    this.#senses = senses;
   }
 
+  /** Begin, at rest: the server wants to have seen that first. */
   start(): void {
-    this.#timer ??= setInterval(() => {
+    if (this.#timer !== undefined) return;
+    this.#send(NEUTRAL);
+    this.#timer = setInterval(() => {
       this.#beat();
     }, EVERY_MS);
   }
@@ -45,9 +56,10 @@ export class Hand {
     if (this.#pushes.delete(push)) this.#beat();
   }
 
-  /** Let go of all keys and buttons. */
+  /** Let go of all keys, buttons and gamepads. */
   letGo(): void {
     this.#pushes.clear();
+    this.#padsFree = false;
     if (this.#pushed) {
       this.#pushed = false;
       this.#send(NEUTRAL);
@@ -63,11 +75,11 @@ export class Hand {
 
   /** Keys and buttons have the word over a gamepad. */
   #sticks(): Sticks {
+    if (!this.#senses.seen()) return NEUTRAL;
     if (this.#pushes.size > 0) return sticksOfPushes(this.#pushes);
-    for (const pad of this.#pads()) {
-      const sticks = pad === null ? null : sticksOfPad(pad);
-      if (sticks !== null) return sticks;
-    }
-    return NEUTRAL;
+    const held = [...this.#senses.pads()].map((pad) => (pad === null ? null : sticksOfPad(pad)));
+    const sticks = held.find((each) => each !== null) ?? null;
+    if (sticks === null) this.#padsFree = true;
+    return sticks !== null && this.#padsFree ? sticks : NEUTRAL;
   }
 }

@@ -4,10 +4,8 @@ import { Icon } from "../design/Icon";
 import type { PreviewReport } from "../protocol/messages.gen";
 import { isActive, type ConsoleState } from "../state/state";
 import { words } from "../text/words";
-import { dragged, moved, viewAfterKey, type FieldView } from "./fieldView";
+import { dragged, isSameView, moved, viewAfterKey, type FieldView } from "./fieldView";
 
-/** The newest wish goes out this often at most; a rendering takes about as long. */
-const EVERY_MS = 120;
 /** A step of the wheel. */
 const WHEEL = 1.1;
 
@@ -44,6 +42,8 @@ function Turned({ captureId, preview }: { readonly captureId: string; readonly p
     const element = frame.current;
     if (element === null) return;
     const wheel = (event: WheelEvent) => {
+      // A page that scrolls by is not caught; whoever means the picture has clicked it.
+      if (document.activeElement !== element) return;
       event.preventDefault();
       look((now) => moved(now, event.deltaY > 0 ? WHEEL : 1 / WHEEL));
     };
@@ -70,6 +70,7 @@ function Turned({ captureId, preview }: { readonly captureId: string; readonly p
         data-testid="preview-turned"
         onPointerDown={(event) => {
           event.currentTarget.setPointerCapture(event.pointerId);
+          event.currentTarget.focus({ preventScroll: true });
           held.current = { x: event.clientX, y: event.clientY, from: view };
         }}
         onPointerMove={drag}
@@ -104,39 +105,42 @@ function trained({ capture, findings }: ConsoleState): string | null {
   return capture !== null && isActive(capture) && findings.training !== null ? capture.id : null;
 }
 
-/** Where the operator looks from: as the newest rendering until they turn it themselves. */
+/**
+ * Where the operator looks from: as the newest rendering, but for the moment that a wish of their own
+ * takes to be rendered. One wish is under way at a time, and then the newest.
+ */
 function useView(captureId: string, preview: PreviewReport) {
   const operator = useOperator();
   const [own, setOwn] = useState<FieldView | null>(null);
   const { azimuth_rad, elevation_rad, distance } = preview;
-  const view = own ?? { azimuth_rad, elevation_rad, distance };
+  const shown = { azimuth_rad, elevation_rad, distance };
+  if (own !== null && isSameView(own, shown)) setOwn(null);
+  const view = own ?? shown;
   const newest = useRef(view);
-  const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
-  const sentMs = useRef(0);
   useEffect(() => {
     newest.current = view;
   });
-  useEffect(
-    () => () => {
-      clearTimeout(timer.current);
-    },
-    [],
-  );
   const [act] = useState(() => {
-    const send = () => {
-      timer.current = undefined;
-      sentMs.current = performance.now();
-      void operator.viewField(captureId, newest.current);
+    let wanted: FieldView | null = null;
+    let asking = false;
+    const ask = async () => {
+      if (asking) return;
+      asking = true;
+      while (wanted !== null) {
+        const next = wanted;
+        wanted = null;
+        await operator.viewField(captureId, next);
+      }
+      asking = false;
     };
     return {
       look: (next: (now: FieldView) => FieldView) => {
-        newest.current = next(newest.current);
+        newest.current = wanted = next(newest.current);
         setOwn(newest.current);
-        timer.current ??= setTimeout(send, Math.max(0, sentMs.current + EVERY_MS - performance.now()));
+        void ask();
       },
       orbit: () => {
-        clearTimeout(timer.current);
-        timer.current = undefined;
+        wanted = null;
         setOwn(null);
         void operator.viewField(captureId, null);
       },

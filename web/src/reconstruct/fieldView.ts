@@ -28,6 +28,16 @@ export function moved(view: FieldView, factor: number): FieldView {
   return { ...view, distance: clamp(view.distance * factor, NEAREST, FARTHEST) };
 }
 
+/** Whether two views are the same, roundings of the way to the server and back aside. */
+export function isSameView(a: FieldView, b: FieldView): boolean {
+  const off = Math.max(
+    Math.abs(a.azimuth_rad - b.azimuth_rad),
+    Math.abs(a.elevation_rad - b.elevation_rad),
+    Math.abs(a.distance - b.distance),
+  );
+  return off < 1e-6;
+}
+
 /** What a key does to the view, null where it does nothing. */
 export function viewAfterKey(view: FieldView, key: string): FieldView | null {
   switch (key) {

@@ -19,13 +19,14 @@ const RESULTS = ["preview.jpg", "orbit.mp4", "mesh.glb", "metrics.json"] as cons
 export function TrainAnew({ captureId }: { readonly captureId: string }) {
   const { value: jobs, error, again } = useAnswer(captureId, () => getTrainings(captureId));
   const busy = jobs?.some((job) => isUnfinished(job)) === true;
+  // The next question waits for this answer, however long the line takes for it.
   useEffect(() => {
     if (!busy) return;
-    const timer = setInterval(again, EVERY_MS);
+    const timer = setTimeout(again, EVERY_MS);
     return () => {
-      clearInterval(timer);
+      clearTimeout(timer);
     };
-  }, [busy, again]);
+  }, [busy, jobs, error, again]);
   const text = words.retrain;
   return (
     <section className="retrain" aria-label={text.title}>
@@ -69,10 +70,12 @@ function TrainingForm({ captureId, onStarted }: TrainingFormProps) {
     event.preventDefault();
     if (!secondsFit || !seedFits || asking) return;
     setAsking(true);
-    void operator.trainAnew(wish).then(() => {
-      setAsking(false);
-      onStarted();
-    });
+    void operator
+      .trainAnew(wish)
+      .then(onStarted)
+      .finally(() => {
+        setAsking(false);
+      });
   };
   return (
     <form className="retrain-form" noValidate onSubmit={submit}>

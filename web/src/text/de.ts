@@ -14,6 +14,9 @@ export const de: Catalogue = {
     setup: "Einrichtung",
     key: (screen, key) => `${screen} (Taste ${key})`,
     page: (screen) => `${screen} – DroNeRF`,
+    broken: "Diese Ansicht ist ausgefallen.",
+    brokenDo: "Die Notschalter oben wirken weiter, und was fliegt, fliegt weiter. Öffnen Sie eine andere Ansicht oder diese noch einmal.",
+    brokenAgain: "Noch einmal öffnen",
   },
   keys: {
     title: "Tasten",
@@ -405,9 +408,11 @@ export const de: Catalogue = {
   manual: {
     title: "Von Hand",
     which: "Welche Drohne von Hand geflogen wird",
-    choose: "Wählen Sie eine Drohne, um sie von Hand zu fliegen. Losgelassen schwebt sie, und jede Grenze gilt.",
+    choose: "Wählen Sie eine Drohne, um sie von Hand zu fliegen. Losgelassen schwebt sie, und jede Grenze gilt; wie jede Drohne landet sie, wenn sie das Objekt 20 s nicht sieht.",
     hint: "Eine Taste halten, hier oder auf der Tastatur. Mit einem Gamepad: Schultertaste halten, der linke Stick steigt und dreht, der rechte fliegt.",
     pad: (name) => `${name}: Schultertaste halten; der linke Stick steigt und dreht, der rechte fliegt.`,
+    waiting: "Das Kommando wird übernommen …",
+    other: "Ein anderer Browser hat das Kommando: bitten Sie ihn darum, um von Hand zu fliegen.",
     push: {
       forward: "Vor",
       back: "Zurück",

@@ -12,6 +12,9 @@ export const en = {
     setup: "Set-up",
     key: (screen: string, key: number) => `${screen} (key ${key})`,
     page: (screen: string) => `${screen} – DroNeRF`,
+    broken: "This screen broke.",
+    brokenDo: "The stops above still work, and so does what flies. Open another screen, or this one again.",
+    brokenAgain: "Open it again",
   },
   keys: {
     title: "Keys",
@@ -408,9 +411,11 @@ export const en = {
   manual: {
     title: "By hand",
     which: "Which drone to fly by hand",
-    choose: "Choose a drone to fly it by hand. It hovers when you let go, and every limit holds.",
+    choose: "Choose a drone to fly it by hand. It hovers when you let go, and every limit holds; like any drone it lands after 20 s without seeing the object.",
     hint: "Hold a button or its key. With a gamepad: hold a shoulder button, the left stick climbs and turns, the right one goes.",
     pad: (name: string) => `${name}: hold a shoulder button; the left stick climbs and turns, the right one goes.`,
+    waiting: "Taking the command…",
+    other: "Another browser is in command: ask it for the command to fly by hand.",
     push: {
       forward: "Ahead",
       back: "Back",
