@@ -107,10 +107,14 @@ def make_jobs_router(mission: MissionControl, book: JobBook) -> APIRouter:
         responses=described(404, 409, 422),
     )
     async def start_reconstruction(spec: TrainingSpec, response: Response) -> JobView:
-        """Train anew on a capture; trainings wait for each other."""
-        record = mission.capture(spec.capture)
-        if record.status.state in _UNFINISHED:
-            raise RefusedError(f"{spec.capture} is {record.status.state}; wait for its end")
+        """Train anew on a capture; trainings wait for each other, and never run beside a flight."""
+        mission.capture(spec.capture)
+        for record in mission.captures():
+            if record.status.state in _UNFINISHED:
+                raise RefusedError(
+                    f"{record.status.id} is {record.status.state} and needs the processors; "
+                    "wait for its end"
+                )
         dataset = mission.run_folder(spec.capture).resolve()
         if not (dataset / "transforms.json").is_file():
             raise RefusedError(f"{spec.capture} has no pictures with poses")

@@ -123,6 +123,9 @@ async def test_what_cannot_be_trained_on_is_refused(console: Console) -> None:
 
         assert await ask(capture="run-1") == 409
         console.mission.keep(capture_changed("run-1", "failed"))
+        console.mission.keep(capture_changed("run-2", "paused"))
+        assert await ask(capture="run-1") == 409  # Another one flies.
+        console.mission.keep(capture_changed("run-2", "aborted"))
         assert await ask(capture="run-1") == 409  # It has no pictures.
         assert await ask(capture="run-9") == 404
         assert await ask(capture="run-1", seconds=0) == 422

@@ -258,6 +258,7 @@ async def test_a_capture_is_trained_anew_with_other_settings(
     async with serve(tmp_path, dist=WEB / "dist") as console:
         furnish(console)
         (console.mission.runs / "run-1/transforms.json").write_text("{}")
+        console.mission.keep(capture_changed("run-3", "succeeded", "done"))
         page = await browser.new_page()
         await open_screen(console, page, "library")
         await page.goto(f"{console.http}/#/library/run-1")
