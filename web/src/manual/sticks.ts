@@ -9,18 +9,7 @@ export interface Sticks {
 export const NEUTRAL: Sticks = { forward: 0, left: 0, up: 0, turn: 0 };
 
 /** One direction that a key or a button pushes to. */
-export const PUSHES = [
-  "forward",
-  "back",
-  "left",
-  "right",
-  "up",
-  "down",
-  "turnLeft",
-  "turnRight",
-] as const;
-
-export type Push = (typeof PUSHES)[number];
+export type Push = "forward" | "back" | "left" | "right" | "up" | "down" | "turnLeft" | "turnRight";
 
 const STICK: Readonly<Record<Push, readonly [keyof Sticks, 1 | -1]>> = {
   forward: ["forward", 1],
