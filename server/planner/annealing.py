@@ -92,92 +92,70 @@ def worth_at(worth: Array, views: float) -> float:
 
 
 @numba.njit(cache=True)
-def gain_of(
-    a: SearchArrays, into: int, chosen: NDArray[np.int64], seen: Array, top: Array, nearest: Array
-) -> float:
-    """Return by how much the fitness grows when ``into`` joins ``chosen`` ``(k,)``.
-
-    ``seen`` ``(S,)``, ``top`` ``(M,)`` and ``nearest`` ``(k,)`` hold the sums of qualities, the
-    best gains and the best neighbours of what is chosen; see ``join``.
-    """
-    value = a.single[into]
-    for s in range(len(seen)):
-        if a.quality[into, s] > 0.0:
-            after = worth_at(a.worth, seen[s] + a.quality[into, s])
-            value += a.cover_weight[s] * (after - worth_at(a.worth, seen[s]))
-    for m in range(len(top)):
-        if a.gain[into, m] > top[m]:
-            value += a.gain_weight[m] * (a.gain[into, m] - top[m])
-    own = 0.0
-    for t in range(len(chosen)):
-        value -= a.overlap[into, chosen[t]]
-        pair = a.baseline[into, chosen[t]]
-        own = max(own, pair)
-        value += a.baseline_weight * max(0.0, pair - nearest[t])
-    return value + a.baseline_weight * own
-
-
-@numba.njit(cache=True)
-def join(
-    a: SearchArrays,
-    into: int,
-    step: int,
-    chosen: NDArray[np.int64],
-    seen: Array,
-    top: Array,
-    nearest: Array,
-) -> None:
-    """Put ``into`` behind the first ``step`` of ``chosen``, and keep the sums up to date."""
-    chosen[step] = into
-    for s in range(len(seen)):
-        seen[s] += a.quality[into, s]
-    for m in range(len(top)):
-        top[m] = max(top[m], a.gain[into, m])
-    for t in range(step):
-        pair = a.baseline[into, chosen[t]]
-        nearest[t] = max(nearest[t], pair)
-        nearest[step] = max(nearest[step], pair)
-
-
-@numba.njit(cache=True)
 def greedy(a: SearchArrays, views: int) -> NDArray[np.int64]:
     """Return ``views`` candidates: those taken already, then each the one that adds most.
 
     Every candidate is tried in every step: overlap and baseline make the fitness neither monotone
     nor submodular, so that lazy evaluation could skip the right one, and a full pass is cheap.
     """
-    count = len(a.quality)
+    count, samples = a.quality.shape
+    columns = a.gain.shape[1]
     chosen = np.empty(views, np.int64)
-    joined = np.zeros(count, np.bool_)
-    seen, top = np.zeros(a.quality.shape[1]), np.zeros(a.gain.shape[1])
+    taken = np.zeros(count, np.bool_)
+    seen = np.zeros(samples)
+    top = np.zeros(columns)
     nearest = np.zeros(views)
     for step in range(views):
         best, best_value = count - a.taken + step, -np.inf
-        if step >= a.taken:
-            for into in range(count):
-                if not joined[into]:
-                    value = gain_of(a, into, chosen[:step], seen, top, nearest)
-                    if value > best_value:
-                        best, best_value = into, value
-        joined[best] = True
-        join(a, best, step, chosen, seen, top, nearest)
+        for into in range(count):
+            if taken[into] or step < a.taken:
+                continue
+            value = a.single[into]
+            for s in range(samples):
+                if a.quality[into, s] > 0.0:
+                    after = worth_at(a.worth, seen[s] + a.quality[into, s])
+                    value += a.cover_weight[s] * (after - worth_at(a.worth, seen[s]))
+            for m in range(columns):
+                if a.gain[into, m] > top[m]:
+                    value += a.gain_weight[m] * (a.gain[into, m] - top[m])
+            own = 0.0
+            for t in range(step):
+                other = chosen[t]
+                value -= a.overlap[into, other]
+                pair = a.baseline[into, other]
+                own = max(own, pair)
+                value += a.baseline_weight * max(0.0, pair - nearest[t])
+            value += a.baseline_weight * own
+            if value > best_value:
+                best, best_value = into, value
+        chosen[step] = best
+        taken[best] = True
+        for s in range(samples):
+            seen[s] += a.quality[best, s]
+        for m in range(columns):
+            top[m] = max(top[m], a.gain[best, m])
+        for t in range(step):
+            pair = a.baseline[best, chosen[t]]
+            nearest[t] = max(nearest[t], pair)
+            nearest[step] = max(nearest[step], pair)
     return chosen
 
 
-@numba.njit(cache=True)
 def gains(a: SearchArrays, chosen: NDArray[np.int64]) -> Array:
-    """Return for each candidate ``(D,)`` what it would add to ``chosen``; NaN for those in it."""
-    count = len(a.quality)
-    seen, top = np.zeros(a.quality.shape[1]), np.zeros(a.gain.shape[1])
-    nearest = np.zeros(len(chosen))
-    copy = np.empty_like(chosen)
-    value = np.zeros(count)
-    for step in range(len(chosen)):
-        join(a, chosen[step], step, copy, seen, top, nearest)
-        value[chosen[step]] = np.nan
-    for into in range(count):
-        if not np.isnan(value[into]):
-            value[into] = gain_of(a, into, copy, seen, top, nearest)
+    """Return for each candidate ``(D,)`` what it would add to ``chosen``; NaN for those in it.
+
+    Not compiled: it is asked for once in a plan, and a first flight waits for every compilation.
+    """
+    counts = range(len(a.worth))
+    seen, top = a.quality[chosen].sum(axis=0, dtype=float), a.gain[chosen].max(axis=0)
+    covered = a.cover_weight @ np.interp(seen, counts, a.worth)
+    after = [a.cover_weight @ np.interp(seen + row, counts, a.worth) for row in a.quality]
+    pairs = a.baseline[:, chosen].astype(float)
+    nearest = pairs[chosen].max(axis=1)
+    value = a.single + np.array(after) - covered
+    value += np.maximum(a.gain - top, 0.0) @ a.gain_weight - a.overlap[:, chosen].sum(axis=1)
+    value += a.baseline_weight * (np.maximum(pairs - nearest, 0.0).sum(axis=1) + pairs.max(axis=1))
+    value[chosen] = np.nan
     return value
 
 
