@@ -23,6 +23,7 @@ from server.geometry.poses import look_at
 from server.nerf.config import suited_configs
 from server.nerf.dataset import Dataset
 from server.nerf.preview import render_preview
+from server.nerf.sightings import nothing_known
 from server.nerf.training import Trainer
 from server.sim.meshes import ObjectModel
 from server.sim.scenes.catalogue import load_object
@@ -143,6 +144,7 @@ def _render_dataset(model: ObjectModel, T_world_cam: Array) -> Dataset:
         (camera,) * len(images),
         T_world_cam,
         None,
+        (nothing_known(),) * len(images),
     )
 
 

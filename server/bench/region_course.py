@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -30,9 +31,17 @@ from server.vision.target import TargetEstimate
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
+Kind = Literal["start", "seeded", "under_way"]
+KINDS: tuple[Kind, ...] = ("start", "seeded", "under_way")
+
 # Errors of what a drone believes: place per axis, heading, the object's place per axis.
-START_ERRORS = (0.12, np.deg2rad(8.0), 0.1)
-SEEDED_ERRORS = (0.05, np.deg2rad(2.5), 0.03)
+_ERRORS: dict[Kind, tuple[float, float, float]] = {
+    "start": (0.12, np.deg2rad(8.0), 0.1),
+    "seeded": (0.05, np.deg2rad(2.5), 0.03),
+    "under_way": (0.2, np.deg2rad(6.0), 0.05),
+}
+# Drones on their way to a viewpoint fly up to this much higher than one that waits, metres.
+_CLIMB_M = 1.3
 _DRONES = 4
 _SLICES = 6
 _EDGE_SHARE, _AWAY_SHARE = 0.12, 0.1
@@ -45,6 +54,7 @@ class Shot:
 
     Attributes:
         room: Number of the room.
+        kind: Before the seed geometry is known, just after, or later on the way to a viewpoint.
         image_bgr: The clean picture ``(h, w, 3)``.
         truth_px: The true silhouette's box ``(4,)``, None when the object is not in the picture.
         pose: Where the drone believes to be.
@@ -53,6 +63,7 @@ class Shot:
     """
 
     room: int
+    kind: Kind
     image_bgr: Image
     truth_px: Array | None
     pose: CameraPose
@@ -66,15 +77,18 @@ class Shot:
 
 
 def shots(model: ObjectModel, seed: int, rooms: int, poses: int) -> Iterator[Shot]:
-    """Yield ``poses`` shots in each of ``rooms`` random rooms; one in ten shows no object."""
+    """Yield shots in ``rooms`` random rooms, ``poses`` of each kind in two; one in ten is empty."""
     rng = np.random.default_rng(seed)
+    rng_under_way = np.random.default_rng((seed, 2))
     world = World(model)
     try:
         for room in range(rooms):
             number = int(rng.integers(1 << 30))
             world.furnish(number, random_surroundings(number))
             for pose in range(poses):
-                yield _shot(world, model, rng, room, pose % 2 == 1)
+                yield _shot(world, model, rng, room, "seeded" if pose % 2 == 1 else "start")
+            for _ in range(poses // 2):
+                yield _shot(world, model, rng_under_way, room, "under_way")
     finally:
         world.close()
 
@@ -105,10 +119,10 @@ def disturbed(image_bgr: Image, rng: np.random.Generator, exposure: bool = True)
 
 
 def _shot(
-    world: World, model: ObjectModel, rng: np.random.Generator, room: int, seeded: bool
+    world: World, model: ObjectModel, rng: np.random.Generator, room: int, kind: Kind
 ) -> Shot:
     box = Box3(model.vertices.min(axis=0), model.vertices.max(axis=0))
-    viewpoint = _viewpoint(box, rng)
+    viewpoint = _viewpoint(box, rng, climb_m=_CLIMB_M if kind == "under_way" else 0.0)
     others = [
         (_viewpoint(box, rng, around=k * 2.0 * np.pi / _DRONES, base=viewpoint).position_world, 0.0)
         for k in range(1, _DRONES)
@@ -116,13 +130,17 @@ def _shot(
     T_world_cam = viewpoint.T_world_cam(TELLO_TILT_RAD)
     image = disturbed(world.render(T_world_cam, others), rng)
     truth = box_of_mask(world.silhouette(T_world_cam))
-    pose, target = _belief(box, viewpoint, rng, seeded)
-    seed = _seed(model, rng) if seeded else None
-    return Shot(room, image, truth, pose, target, seed)
+    pose, target = _belief(box, viewpoint, rng, kind)
+    seed = None if kind == "start" else _seed(model, rng)
+    return Shot(room, kind, image, truth, pose, target, seed)
 
 
 def _viewpoint(
-    box: Box3, rng: np.random.Generator, around: float = 0.0, base: Viewpoint | None = None
+    box: Box3,
+    rng: np.random.Generator,
+    around: float = 0.0,
+    base: Viewpoint | None = None,
+    climb_m: float = 0.0,
 ) -> Viewpoint:
     """Return a viewpoint that shows the object at a random size, sometimes at the frame's edge."""
     space = FlightSpace()
@@ -132,6 +150,8 @@ def _viewpoint(
         azimuth = float(np.arctan2(place[1], place[0])) + around + rng.normal(0.0, 0.15)
     fill, radius_m = rng.uniform(0.35, 0.95), 0.4 * float(np.hypot(*box.size[:2])) + 0.6
     lift_m = rng.normal(0.0, 0.15)
+    if climb_m > 0.0:
+        lift_m += rng.uniform(0.0, climb_m)
     while True:
         height_m = box.centre[2] + radius_m * np.tan(TELLO_TILT_RAD) + lift_m
         height_m = float(np.clip(height_m, space.floor_m, space.ceiling_m))
@@ -148,10 +168,10 @@ def _viewpoint(
 
 
 def _belief(
-    box: Box3, viewpoint: Viewpoint, rng: np.random.Generator, seeded: bool
+    box: Box3, viewpoint: Viewpoint, rng: np.random.Generator, kind: Kind
 ) -> tuple[CameraPose, TargetEstimate]:
     """Return what a drone would believe of itself and of the object, with honest errors."""
-    place_m, heading_rad, target_m = SEEDED_ERRORS if seeded else START_ERRORS
+    place_m, heading_rad, target_m = _ERRORS[kind]
     position = viewpoint.position_world + rng.normal(0.0, place_m, 3) * (1.0, 1.0, 0.3)
     heading = viewpoint.yaw_rad + rng.normal(0.0, heading_rad)
     covariance = np.diag([place_m**2, place_m**2, (0.3 * place_m) ** 2, heading_rad**2])

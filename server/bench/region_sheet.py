@@ -31,7 +31,7 @@ def worst_sheet(judged: Sequence[tuple[float, Shot, Array | None]]) -> Image:
             if each is not None:
                 left, top, right, bottom = (round(float(v)) for v in each)
                 cv2.rectangle(tile, (left, top), (right, bottom), colour, 4)
-        text = f"{iou:.2f} {'start' if shot.seed is None else 'seeded'}"
+        text = f"{iou:.2f} {shot.kind}"
         cv2.putText(tile, text, (20, 60), cv2.FONT_HERSHEY_SIMPLEX, 1.6, (255, 255, 255), 3)
         y, x = divmod(k, _COLUMNS)
         small = cv2.resize(tile, _TILE, interpolation=cv2.INTER_AREA)

@@ -21,6 +21,7 @@ from pydantic import BaseModel
 
 from server.geometry.boxes import union
 from server.jobs.kept_training import KeptTraining
+from server.jobs.object_masks import cut_anew
 from server.jobs.reports import FieldReports, keep_renderings, tell_share
 from server.jobs.results import write_results
 from server.jobs.spec import JobSpec, JobStoppedError, Reporting
@@ -31,6 +32,7 @@ from server.nerf.flight import read_pictures
 from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
+from server.nerf.sightings import write_sightings
 from server.nerf.training import StepReport, Trainer
 
 _LIVE_PICTURES = 4
@@ -323,18 +325,29 @@ def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses
     T_world_cam, refined = poses.T_world_cam[stills], poses.refined[stills]
     sigma_m, sigma_rad = poses.sigma_m[stills], poses.sigma_rad[stills]
     cameras = tuple(camera for camera, p in zip(poses.intrinsics, flown, strict=True) if p.still)
+    posed = replace(before, T_world_cam=T_world_cam, intrinsics=cameras)
+    posed, masks = cut_anew(
+        folder,
+        posed,
+        listed,
+        sigma_m,
+        sigma_rad,
+        tell_share(reporter, "masks", len(listed)),
+    )
+    _go_on(reporter)
     object_box = before.object_box
     if object_box is not None:
         # It was found with the flight's poses, which the refined ones do not agree with entirely.
-        posed = replace(before, T_world_cam=T_world_cam, intrinsics=cameras)
         found = box_of_masks(posed, object_box)
         # Thin parts are missing from some masks: what either knows of belongs to it.
         object_box = object_box if found is None else union((found, object_box))
+    sightings = poses.sightings.of(np.flatnonzero(stills))
+    write_sightings(folder, sightings)
     write_transforms(
         folder,
         [
-            PosedFile(p.file, T, p.mask, camera)
-            for p, T, camera in zip(listed, T_world_cam, cameras, strict=True)
+            PosedFile(p.file, T, mask, camera)
+            for p, T, mask, camera in zip(listed, T_world_cam, masks, cameras, strict=True)
         ],
         before.intrinsics[0],
         object_box,
@@ -363,7 +376,7 @@ def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses
         sigma_rad,
         cameras,
         poses.reprojection_rms_px,
-        poses.points_world,
+        sightings,
         poses.message,
     )
 

@@ -95,6 +95,9 @@ class TrainConfig:
             camera distance shrink with the square of their distance (Philip and Deschaintre,
             "Floaters No More", 2023); 0 turns that off.
         distortion_weight: Weight of the distortion loss (mip-NeRF 360, equation 15).
+        surface_weight: Weight of light not taken at a surface that is known, where there are such.
+        surface_reach: How far from it light counts as taken there, share of its distance.
+        surface_share: Share of rays drawn towards known surfaces, where there are such.
         mlp_weight_decay: L2 decay per step of the MLPs, share of the learning rate.
         window_start: Levels open at the start, out of L (coarse to fine).
         window_until: Share of the training after which every level is open.
@@ -124,6 +127,9 @@ class TrainConfig:
     background_noise: float = 0.0
     trust_distance: float = 0.8
     distortion_weight: float = 0.003
+    surface_weight: float = 0.3
+    surface_reach: float = 0.1
+    surface_share: float = 0.1
     mlp_weight_decay: float = 1e-4
     window_start: float = 3.0
     window_until: float = 0.3
@@ -144,7 +150,7 @@ class TrainConfig:
             "memory_warm_up",
         ):
             _require(getattr(self, name) >= 1, name, "at least 1")
-        for name in ("learning_rate", "huber_delta", "window_start"):
+        for name in ("learning_rate", "huber_delta", "window_start", "surface_reach"):
             value = getattr(self, name)
             _require(math.isfinite(value) and value > 0.0, name, "positive")
         for name in (
@@ -153,12 +159,13 @@ class TrainConfig:
             "mlp_rate_share",
             "window_until",
             "object_share",
+            "surface_share",
             "background_noise",
             "mlp_weight_decay",
             "exposure_decay",
         ):
             _require(0.0 <= getattr(self, name) <= 1.0, name, "in [0, 1]")
-        for name in ("distortion_weight", "exposure_rate", "trust_distance"):
+        for name in ("distortion_weight", "surface_weight", "exposure_rate", "trust_distance"):
             _require(0.0 <= getattr(self, name) < math.inf, name, "zero or more")
         for name in ("even_share", "even_share_end"):
             _require(0.0 < getattr(self, name) <= 1.0, name, "in (0, 1]")

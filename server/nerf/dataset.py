@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from server.geometry.axes import opencv_from_opengl, opengl_from_opencv
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
+from server.nerf.sightings import KnownPixels, known_pixels, read_sightings
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ class Dataset:
         intrinsics: One camera each, of the picture at training size, with its distortion.
         T_world_cam: ``(n, 4, 4)`` OpenCV camera to world, metres.
         object_box: Box around the object, world metres, or None when unknown.
+        known: Pixels of each picture at which the distance of a surface is known, often none.
     """
 
     folder: Path
@@ -60,6 +62,7 @@ class Dataset:
     intrinsics: tuple[Intrinsics, ...]
     T_world_cam: Array
     object_box: Box3 | None
+    known: tuple[KnownPixels, ...]
 
     def __len__(self) -> int:
         return len(self.files)
@@ -123,15 +126,20 @@ def load_dataset(
         raise DatasetError(
             f"all {len(poses)} pictures of {folder} were taken from one point, which shows no depth"
         )
-    images, masks, alphas, cameras = [], [], [], []
-    for frame, file in zip(frames, files, strict=True):
+    try:
+        sightings = read_sightings(folder)
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    images, masks, alphas, cameras, known = [], [], [], [], []
+    for number, (frame, file) in enumerate(zip(frames, files, strict=True)):
         image, mask, alpha = _read_picture(folder, frame, file)
         if object_only and alpha is None:
             if mask is None:
                 raise DatasetError(f"{file.name} has no mask to cut the object out by")
             alpha = np.asarray(cv2.resize(mask, (image.shape[1], image.shape[0])), np.uint8)
             image = _on_white(image, alpha)
-        camera = _read_intrinsics({**description, **frame}, image.shape[1], image.shape[0], file)
+        width_px = image.shape[1]
+        camera = _read_intrinsics({**description, **frame}, width_px, image.shape[0], file)
         factor = 1.0 / downscale if downscale else min(1.0, max_side / max(image.shape[:2]))
         camera = camera.scaled(factor) if factor < 1.0 else camera
         size = (camera.width, camera.height)
@@ -145,6 +153,8 @@ def load_dataset(
         masks.append(None if mask is None else mask > 127)
         alphas.append(alpha)
         cameras.append(camera)
+        told = known_pixels(sightings, number, width_px, camera, poses[number])
+        known.append(told if alpha is None else told.where(alpha > 127))
     return Dataset(
         folder,
         tuple(files),
@@ -154,6 +164,7 @@ def load_dataset(
         tuple(cameras),
         poses,
         _read_box(description),
+        tuple(known),
     )
 
 

@@ -94,9 +94,10 @@ class NumbaBackend:
         drgbs = np.empty((count, 3), np.float32)
         sums = np.empty((self._chunks, 2))
         loss_gradients(
-            rays.starts, sigmas, rgbs, rays.ss, rays.trusts, rays.dss, rays.backdrops,
-            rays.targets, gains, rays.pictures, np.float32(train.huber_delta),
-            np.float32(train.distortion_weight), weights, dsigmas, drgbs, self.gain_grads, sums,
+            rays.starts, sigmas, rgbs, rays.ts, rays.ss, rays.trusts, rays.dss, rays.backdrops,
+            rays.targets, gains, rays.pictures, rays.distances, np.float32(train.huber_delta),
+            np.float32(train.distortion_weight), np.float32(train.surface_weight),
+            np.float32(train.surface_reach), weights, dsigmas, drgbs, self.gain_grads, sums,
         )  # fmt: skip
         if len(self._features_grad) < len(self._features):
             self._features_grad = np.empty_like(self._features)

@@ -30,6 +30,7 @@ from server.nerf.pose_bundle import Adjusted, adjust
 from server.nerf.pose_config import PoseConfig
 from server.nerf.pose_mapping import Mapper, Model, PosesStoppedError
 from server.nerf.pose_pairs import choose_pairs
+from server.nerf.sightings import Sightings, no_sightings
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ class RefinedPoses:
         sigma_rad: How well each rotation is known ``(n,)``, radians per axis.
         intrinsics: Camera of each picture, with the focal length found for its drone.
         reprojection_rms_px: Root mean square over all observations used, NaN without any.
-        points_world: Triangulated points ``(m, 3)`` seen in three pictures or more, world metres.
+        sightings: Triangulated points seen in three pictures or more, in the pictures' order.
         message: One sentence for the operator.
     """
 
@@ -84,7 +85,7 @@ class RefinedPoses:
     sigma_rad: Array
     intrinsics: tuple[Intrinsics, ...]
     reprojection_rms_px: float
-    points_world: Array
+    sightings: Sightings
     message: str
 
 
@@ -126,6 +127,22 @@ def _errors_px(
     return np.concatenate(errors) if errors else np.zeros(0)
 
 
+def _sightings(model: Model, points_world: Array) -> Sightings:
+    """Return where the points of a carried model were seen, those of two pictures left out."""
+    points = model.observations[:, 1].astype(np.int64)
+    sure = np.bincount(points, minlength=len(points_world)) >= 3
+    rows = model.observations[sure[points]]
+    pictures = model.indices[rows[:, 0].astype(np.int64)].astype(np.int64)
+    order = np.argsort(pictures, kind="stable")
+    number = np.cumsum(sure) - 1
+    return Sightings(
+        points_world[sure],
+        pictures[order],
+        number[rows[order, 1].astype(np.int64)],
+        rows[order, 2:],
+    )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
     """What is known before anything is looked at; arrays in the order of the pictures."""
@@ -146,7 +163,7 @@ class _Carried:
         self.stopped = False
         self._sigma_m, self._sigma_rad = beliefs.sigma_m.copy(), beliefs.sigma_rad.copy()
         self._cameras = list(cameras)
-        self._points = np.zeros((0, 3))
+        self._sightings = no_sightings()
         self._rms_px = float("nan")
 
     def complete(self, still: NDArray[np.bool_]) -> bool:
@@ -209,8 +226,7 @@ class _Carried:
         carried = similarity.points(model.points_model)
         errors = _errors_px(model, self.T_world_cam, carried, self._cameras)
         self._rms_px = float(np.sqrt((errors**2).mean())) if len(errors) else float("nan")
-        seen = np.bincount(model.observations[:, 1].astype(int), minlength=len(carried))
-        self._points = carried[seen >= 3]
+        self._sightings = _sightings(model, carried)
 
     def result(self, task: _Task) -> RefinedPoses:
         """Return what was found, with a sentence about it."""
@@ -221,7 +237,7 @@ class _Carried:
             self._sigma_rad,
             tuple(self._cameras),
             self._rms_px,
-            self._points,
+            self._sightings,
             self._message(task.still),
         )
 

@@ -27,6 +27,7 @@ class RayBatch:
         directions: ``(rays, 3)`` unit.
         targets: ``(rays, 3)`` RGB in [0, 1]; laid on white where alpha is below 1.
         alphas: ``(rays,)`` opacity of each pixel, 1 in pictures of a room.
+        distances: ``(rays,)`` distance of a surface that is known, scene units; 0 for none.
     """
 
     pictures: NDArray[np.int64]
@@ -34,6 +35,7 @@ class RayBatch:
     directions: FloatArray
     targets: FloatArray
     alphas: FloatArray
+    distances: FloatArray
 
 
 def directions_in_camera(camera: Intrinsics) -> FloatArray:
@@ -63,6 +65,7 @@ class PixelSource:
         indices: Which of them are for training.
         space: Scene space.
         object_share: Share of the pixels drawn inside object masks, where there are masks.
+        surface_share: Share of the pixels drawn where a surface is known, where there are such.
         hull_cells: Cells per axis of the visual hull.
 
     Raises:
@@ -76,6 +79,7 @@ class PixelSource:
         space: SceneSpace,
         *,
         object_share: float,
+        surface_share: float,
         hull_cells: int,
     ) -> None:
         if not indices:
@@ -99,14 +103,20 @@ class PixelSource:
             None if (mask := dataset.masks[i]) is None else np.flatnonzero(mask) for i in indices
         ]
         self._object_share = object_share
+        self._surface_share = surface_share
+        self._known = [dataset.known[i] for i in indices]
+        self._units_per_m = np.float32(1.0 / space.half_size)
 
     def draw(self, rays: int, rng: np.random.Generator) -> RayBatch:
         """Return ``rays`` random training pixels, spread evenly over the pictures."""
         which = np.sort(rng.integers(0, len(self._images), rays))
-        spot, lure = rng.random(rays), rng.random(rays) < self._object_share
+        # One lot for both: a pixel is drawn for the object or for what is known of its distance.
+        spot, lot = rng.random(rays), rng.random(rays)
+        lure = lot < self._object_share
+        surface = lot >= 1.0 - self._surface_share
         directions = np.empty((rays, 3), np.float32)
         targets = np.empty((rays, 3), np.float32)
-        alphas = np.ones(rays, np.float32)
+        alphas, distances = np.ones(rays, np.float32), np.zeros(rays, np.float32)
         bounds = np.searchsorted(which, np.arange(len(self._images) + 1))
         for k, (image, table) in enumerate(zip(self._images, self._directions, strict=True)):
             rows = slice(bounds[k], bounds[k + 1])
@@ -119,12 +129,20 @@ class PixelSource:
             if inside is not None and len(inside):
                 on_object = inside[(spot[rows] * len(inside)).astype(np.int64)]
                 pixels = np.where(lure[rows], on_object, pixels)
+            known = self._known[k]
+            if len(known.pixels):
+                chosen = (spot[rows] * len(known.pixels)).astype(np.int64)
+                pixels = np.where(surface[rows], known.pixels[chosen], pixels)
+                metres = np.where(surface[rows], known.distances_m[chosen], np.float32(0.0))
+                distances[rows] = metres * self._units_per_m
             directions[rows] = table[pixels] @ self._R_world_cam[k].T
             targets[rows] = image[pixels]
             if (alpha := self._alphas[k]) is not None:
                 alphas[rows] = alpha[pixels] * np.float32(1.0 / 255.0)
         targets *= np.float32(1.0 / 255.0)
-        return RayBatch(self._indices[which], self._origins[which], directions, targets, alphas)
+        return RayBatch(
+            self._indices[which], self._origins[which], directions, targets, alphas, distances
+        )
 
     @property
     def mean_colour(self) -> FloatArray:

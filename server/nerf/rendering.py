@@ -36,6 +36,7 @@ class SampledRays:
     Attributes:
         starts: ``(rays + 1,)`` int64 first sample of every ray.
         points: ``(n, 3)`` float32 ``u`` of every sample.
+        ts: ``(n,)`` float32 distances along the ray, scene units.
         ss: ``(n,)`` float32 path positions.
         ray_ids: ``(n,)`` int64 ray of every sample.
         trusts: ``(n,)`` float32 factor of every sample's gradient, small near the camera.
@@ -44,10 +45,13 @@ class SampledRays:
         backdrops: ``(rays, 3)`` float32 colour behind everything.
         targets: ``(rays, 3)`` float32 pixels in [0, 1].
         pictures: ``(rays,)`` int64 picture of every ray.
+        distances: ``(rays,)`` float32 distance at which a surface is known to be, scene units; 0
+            where none is known.
     """
 
     starts: NDArray[np.int64]
     points: NDArray[np.float32]
+    ts: NDArray[np.float32]
     ss: NDArray[np.float32]
     ray_ids: NDArray[np.int64]
     trusts: NDArray[np.float32]
@@ -56,6 +60,7 @@ class SampledRays:
     backdrops: NDArray[np.float32]
     targets: NDArray[np.float32]
     pictures: NDArray[np.int64]
+    distances: NDArray[np.float32]
 
 
 def weights_of(
@@ -90,6 +95,25 @@ def distortion_of(
     # Each pair is met once, at its farther sample, hence the factor 2.
     pairs = 2.0 * w * (ss.double() * front_w - front_ws) + w * w * dss.double() / 3.0
     return torch.zeros(rays, dtype=torch.float64).index_add(0, ray_ids, pairs).float()
+
+
+def missed_surface(
+    weights: torch.Tensor,
+    ts: torch.Tensor,
+    distances: torch.Tensor,
+    ray_ids: torch.Tensor,
+    reach: float,
+) -> torch.Tensor:
+    """Return the share of light ``(rays,)`` that is not taken at the ray's known surface.
+
+    Light counts as taken there the more, the nearer; from ``reach`` times the distance on not at
+    all. Rays without a known surface miss nothing.
+    """
+    known = distances > 0.0
+    away = (ts - distances[ray_ids]).abs() / (reach * distances.clamp(min=1e-6)[ray_ids])
+    near = weights * (1.0 - away).clamp(min=0.0)
+    taken = torch.zeros_like(distances).index_add(0, ray_ids, near)
+    return torch.where(known, 1.0 - taken, torch.zeros_like(taken))
 
 
 def composite_colours(

@@ -14,6 +14,7 @@ from server.nerf.rendering import (
     composite_colours,
     distortion_of,
     huber,
+    missed_surface,
     scale_gradient,
     weights_of,
 )
@@ -92,8 +93,17 @@ class TorchBackend:
         gain = torch.from_numpy(gains) * torch.exp(log_gains)
         error = pixels * gain[torch.from_numpy(rays.pictures)] - torch.from_numpy(rays.targets)
         spread = distortion_of(weights, torch.from_numpy(rays.ss), starts, ray_ids, dss)
+        missed = missed_surface(
+            weights,
+            torch.from_numpy(rays.ts),
+            torch.from_numpy(rays.distances),
+            ray_ids,
+            train.surface_reach,
+        )
         loss = (
-            huber(error, train.huber_delta).sum(1).mean() + train.distortion_weight * spread.mean()
+            huber(error, train.huber_delta).sum(1).mean()
+            + train.distortion_weight * spread.mean()
+            + train.surface_weight * missed.mean()
         )
         loss.backward()
         for name, tensor in tensors.items():

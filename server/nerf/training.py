@@ -172,6 +172,7 @@ class Trainer:
             self._indices.tolist(),
             self.space,
             object_share=self._train.object_share,
+            surface_share=self._train.surface_share,
             hull_cells=self._train.memory_cells,
         )
         self._background = self._source.mean_colour
@@ -226,6 +227,7 @@ class Trainer:
         rays = SampledRays(
             starts=samples.starts,
             points=samples.points,
+            ts=samples.ts,
             ss=samples.ss,
             ray_ids=samples.ray_ids,
             trusts=self._trusts(samples.ts),
@@ -234,6 +236,7 @@ class Trainer:
             backdrops=backdrops,
             targets=targets,
             pictures=batch.pictures,
+            distances=batch.distances,
         )
         loss, square = self._backend.gradients(rays, self._exposure.gains, self._train, open_levels)
         self._adam.step(self._backend.grads, self._progress)

@@ -25,6 +25,7 @@ from server.nerf.dataset import PosedFile, write_transforms
 from server.nerf.flight import FlightPicture, append_picture, read_pictures
 from server.stages import Capture, Region
 from server.store.atomic import write_atomic
+from server.vision.region import full_mask
 
 _STATE = "capture.json"
 _DOOMED = ".deleting-"
@@ -175,9 +176,8 @@ def clear_deleted(root: Path) -> None:
 
 
 def _mask_png(region: Region, intrinsics: Intrinsics) -> bytes:
-    size = (intrinsics.width, intrinsics.height)
-    mask = cv2.resize(region.mask.astype(np.uint8) * 255, size, interpolation=cv2.INTER_LINEAR)
-    _, png = cv2.imencode(".png", np.where(mask >= 128, 255, 0).astype(np.uint8))
+    mask = full_mask(region, intrinsics.width, intrinsics.height)
+    _, png = cv2.imencode(".png", mask.astype(np.uint8) * 255)
     return png.tobytes()
 
 

@@ -17,39 +17,68 @@ Array32 = NDArray[np.float32]
 
 # Evidence, nats, that no cut overrules.
 SURE = 2.5
-# What a move by one standard deviation costs, in shares of the outline covered with evidence.
-_MOVE_COST = 0.1
+# Evidence beyond these limits says no more about an outline's place.
+_LEAST_SPEAKS, _MOST_SPEAKS = -0.5, 2.0
+# The band around the outline, as a share of its size, and what evidence there costs against as much
+# of it within: whoever lies on a wider thing, a shelf or a rug, is not the object.
+_BAND_SHARE, _BAND_COST = 0.3, 0.6
+# What a move by one standard deviation costs, in mean evidence within the outline; and what each
+# working pixel costs by which its foot misses the rows where it can stand.
+_MOVE_COST, _FOOT_COST = 0.1, 0.03
 
 
-def fitted_outline(evidence: Array32, expected: Mask, sigma: float) -> tuple[Mask, float]:
-    """Return the expected outline moved to where it covers most evidence, and the share covered.
+def fitted_outline(
+    evidence: Array32,
+    expected: Mask,
+    sigma: float,
+    foot_rows: tuple[float, float] = (-np.inf, np.inf),
+) -> tuple[Mask, float]:
+    """Return the expected outline moved to where it stands out most, and the share covered.
+
+    As the Laplacian of equation 1 does, it compares the inside with what surrounds it: evidence
+    within the outline speaks for a place, evidence in the band around it against it.
 
     Args:
         evidence: Evidence against the background ``(h, w)``.
         expected: Expected outline, filled ``(h, w)``.
         sigma: How wrong its place may be, working pixels.
+        foot_rows: Uppermost and lowest row at which its foot can stand, working pixels.
     """
     height, width = expected.shape
-    speaks = np.clip(evidence, -0.5, 1.0)
-    speaks = cv2.resize(speaks, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    half = (width // 2, height // 2)
+    speaks = np.clip(evidence, _LEAST_SPEAKS, _MOST_SPEAKS)
+    speaks = cv2.resize(speaks, half, interpolation=cv2.INTER_AREA)
     ys, xs = np.nonzero(expected)
     left, top, right, bottom = xs.min() // 2, ys.min() // 2, xs.max() // 2 + 1, ys.max() // 2 + 1
-    small = cv2.resize(
-        expected.astype(np.float32), (width // 2, height // 2), interpolation=cv2.INTER_AREA
-    )
-    template = small[top:bottom, left:right] - 0.25
+    small = cv2.resize(expected.astype(np.float32), half, interpolation=cv2.INTER_AREA)
+    template = _against_surroundings(np.asarray(small[top:bottom, left:right], np.float32))
     reach = int(np.ceil(1.25 * sigma))
-    padded = cv2.copyMakeBorder(speaks, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0.0)
-    part = padded[top : bottom + 2 * reach, left : right + 2 * reach]
+    margin = reach + (len(template) - (bottom - top)) // 2
+    padded = cv2.copyMakeBorder(
+        speaks, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0.0
+    )
+    part = padded[top : bottom + 2 * margin, left : right + 2 * margin]
     fit = cv2.matchTemplate(part.astype(np.float32), template, cv2.TM_CCORR)
     dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, : fit.shape[0], : fit.shape[1]]
     off = (dx**2 + dy**2) * (2.0 / sigma) ** 2
-    fit = fit / float(np.maximum(template, 0).sum()) - _MOVE_COST * off
+    foot = float(ys.max()) + 2.0 * dy
+    misses = np.maximum(foot_rows[0] - foot, 0.0) + np.maximum(foot - foot_rows[1], 0.0)
+    fit = fit - _MOVE_COST * off - _FOOT_COST * misses
     best = np.unravel_index(int(np.argmax(fit)), fit.shape)
     move = np.array([[1.0, 0.0, 2.0 * dx[best]], [0.0, 1.0, 2.0 * dy[best]]])
     moved = cv2.warpAffine(expected.astype(np.uint8), move, (width, height)) > 0
     covered = float((evidence[moved] > 0.0).mean()) if moved.any() else 0.0
     return moved, covered
+
+
+def _against_surroundings(shape: Array32) -> Array32:
+    """Return the template whose sum of products is the mean inside less a share of that around."""
+    band = max(2, round(_BAND_SHARE * float(np.sqrt(shape.sum()))))
+    inner = cv2.copyMakeBorder(shape, band, band, band, band, cv2.BORDER_CONSTANT, value=0.0)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
+    around = cv2.dilate(inner, disc) - inner
+    template = inner / float(inner.sum()) - _BAND_COST * around / float(around.sum())
+    return template.astype(np.float32)
 
 
 def cut_within(

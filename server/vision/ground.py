@@ -66,15 +66,28 @@ def ground_seen(
     return Ground(row(distance_m + clear_m), row(distance_m + uncertainty_m), row(nearest))
 
 
+def foot_rows(ground: Ground, shape: tuple[int, int], scale: float) -> tuple[float, float]:
+    """Return the uppermost and the lowest row, working pixels, at which an object can stand.
+
+    Args:
+        ground: What the floor says.
+        shape: Rows and columns of the working picture. A foot that may lie below the picture has
+            no lowest row.
+        scale: Full-picture pixels per working pixel.
+    """
+    lowest = ground.foot_near_px / scale
+    if lowest >= shape[0] - 2:
+        lowest = np.inf
+    return ground.foot_far_px / scale - _FOOT_TOLERANCE, lowest + _FOOT_TOLERANCE
+
+
 def foot_factor(mask: Mask, ground: Ground, scale: float) -> float:
     """Return how well a mask's lowest row fits an object that stands on the floor, 0 to 1."""
     ys = np.nonzero(mask.any(axis=1))[0]
     if len(ys) == 0:
         return 0.0
     lowest = float(ys[-1])
-    if lowest < ground.foot_far_px / scale - _FOOT_TOLERANCE:
+    uppermost_foot, lowest_foot = foot_rows(ground, (mask.shape[0], mask.shape[1]), scale)
+    if lowest < uppermost_foot:
         return 0.03
-    at_edge = ground.foot_near_px / scale >= mask.shape[0] - 2
-    if not at_edge and lowest > ground.foot_near_px / scale + _FOOT_TOLERANCE:
-        return 0.3
-    return 1.0
+    return 0.3 if lowest > lowest_foot else 1.0

@@ -20,7 +20,7 @@ from server.vision.prior import RegionPrior
 from server.vision.search import Found, search
 from server.vision.work import Work, work_on
 
-__all__ = ["RegionPrior", "RegionTracker", "find_region"]
+__all__ = ["RegionPrior", "RegionTracker", "find_region", "full_mask", "region_of_mask"]
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -142,7 +142,7 @@ class RegionTracker:
         if not mask.any():
             return None
         # Nothing was seen of it in this picture.
-        return _region(mask, last.response, 0.8 * last.confidence, last.mask_scale)
+        return region_of_mask(mask, last.response, 0.8 * last.confidence, last.mask_scale)
 
     def _followed(self, grey: Grey, at_s: float) -> Region | None:
         """Return the last region moved along; None when a full search is due or it is lost."""
@@ -155,7 +155,7 @@ class RegionTracker:
             return None
         mask, share = moved
         last = self._region
-        return _region(
+        return region_of_mask(
             mask, last.response, last.confidence * min(1.0, 0.5 + share), last.mask_scale
         )
 
@@ -184,7 +184,7 @@ def _accepted(found: Found, work: Work, config: RegionConfig) -> Region | None:
         return None
     if found.confidence < config.min_confidence:
         return None
-    region = _region(found.mask, found.blob.response, found.confidence, work.scale)
+    region = region_of_mask(found.mask, found.blob.response, found.confidence, work.scale)
     maximum = (np.array([found.blob.x_px, found.blob.y_px]) + 0.5) * work.scale - 0.5
     return Region(
         maximum,
@@ -196,9 +196,25 @@ def _accepted(found: Found, work: Work, config: RegionConfig) -> Region | None:
     )
 
 
-def _region(mask: NDArray[np.bool_], response: float, confidence: float, scale: float) -> Region:
+def region_of_mask(
+    mask: NDArray[np.bool_], response: float, confidence: float, scale: float
+) -> Region:
+    """Return the region of a mask that is not empty; its maximum is taken to be its middle.
+
+    Args:
+        mask: ``(h / scale, w / scale)``, True on the object.
+        response: Strength of its maximum.
+        confidence: 0 to 1.
+        scale: Full-picture pixels per mask pixel.
+    """
     ys, xs = np.nonzero(mask)
     centre = (np.array([xs.mean(), ys.mean()]) + 0.5) * scale - 0.5
     # The sigma at which a disc of the mask's area answers most strongly.
     sigma = float(np.sqrt(len(xs) / np.pi) / np.sqrt(2.0)) * scale
     return Region(centre, sigma, response, mask, scale, confidence)
+
+
+def full_mask(region: Region, width_px: int, height_px: int) -> NDArray[np.bool_]:
+    """Return the mask of a region at the size of the full picture ``(height_px, width_px)``."""
+    size = (width_px, height_px)
+    return cv2.resize(region.mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR) >= 0.5

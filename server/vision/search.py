@@ -17,7 +17,7 @@ from server.vision.confidence import clues, confidence
 from server.vision.config import RegionConfig
 from server.vision.cutting import cut_within, fitted_outline
 from server.vision.found import Found
-from server.vision.ground import foot_factor
+from server.vision.ground import foot_factor, foot_rows
 from server.vision.masks import Mask, keep_object, lab_bins, learn_colours
 from server.vision.pyramid import fast_blobs
 from server.vision.scale_space import Blob
@@ -34,6 +34,8 @@ _OVERHANG = (0.25, 0.8)
 _NECK_ROWS = 8
 # Log ratio from which on a colour is the object's own.
 _OWN = 1.0
+# What evidence above the free floor counts, where the outline's place is looked for.
+_BEHIND = 0.5
 # Share of the expected outline that must be surprising.
 _LEAST_COVERED = 0.2
 # Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
@@ -47,7 +49,11 @@ def search(work: Work, config: RegionConfig) -> Found | None:
     evidence, maybe, top = background_evidence(work)
     expected = work.expected_mask()
     if expected is not None and expected.sum() > 20:
-        return _search_known_shape(work, evidence, maybe, expected, config)
+        known = _search_known_shape(work, evidence, maybe, top, expected, config)
+        if known is not None:
+            return known
+        # An outline that is much too large, because the camera is farther away than believed, may
+        # hold too little to be trusted.
     found = _search_on_floor(work, evidence, maybe, top, config)
     if found is None and work.surely_there and work.prior.ground is None:
         # A camera that sees no floor.
@@ -83,10 +89,18 @@ def _search_in_colours(work: Work, config: RegionConfig) -> Found | None:
 
 
 def _search_known_shape(
-    work: Work, evidence: Array32, maybe: Mask, expected: Mask, config: RegionConfig
+    work: Work,
+    evidence: Array32,
+    maybe: Mask,
+    top: int,
+    expected: Mask,
+    config: RegionConfig,
 ) -> Found | None:
     """Return the object where its expected outline, moved a little, covers most evidence."""
-    shape, share = fitted_outline(evidence, expected, work.sigma)
+    feet = foot_rows(work.ground, work.shape, work.scale)
+    # What is seen above the free floor may as well stand behind the object.
+    weights = np.where(np.arange(len(evidence)) < top, _BEHIND, 1.0)[:, None]
+    shape, share = fitted_outline(evidence * weights, expected, work.sigma, feet)
     if share < _LEAST_COVERED:
         return None
     size = float(np.sqrt(shape.sum()))
@@ -111,8 +125,11 @@ def _search_known_shape(
     blob = Blob(float(xs.mean()), float(ys.mean()), size / float(np.sqrt(2.0 * np.pi)), share)
     mask = keep_object(mask, blob.x_px, blob.y_px, size)
     if mask.sum() < 0.25 * shape.sum():
-        mask = shape
-    return Found(mask, blob, confidence(clues(mask, evidence, 1.0, work)))
+        # The cut went astray; thin objects in a crude outline have little evidence, but have it.
+        surprising = shape & (evidence > 0.0)
+        mask = surprising if surprising.sum() > mask.sum() else mask
+    foot = foot_factor(shape, work.ground, work.scale)
+    return Found(mask, blob, confidence(clues(mask, evidence, foot, work)))
 
 
 def background_evidence(work: Work) -> tuple[Array32, Mask, int]:

@@ -10,6 +10,7 @@ from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
 from server.nerf.dataset import DatasetError, PosedFile, load_dataset, write_transforms
+from server.nerf.sightings import Sightings, write_sightings
 
 CAMERA = Intrinsics(40, 30, 35.0, 36.0, 19.2, 14.8, (0.01, -0.02, 0.001, 0.002, 0.003))
 POSES = [look_at(np.array([np.cos(a), np.sin(a), 0.5]), np.zeros(3)) for a in (0.0, 1.0, 2.0)]
@@ -45,6 +46,52 @@ def test_what_is_written_is_read_back(folder):
     np.testing.assert_allclose(dataset.object_box.upper, [0.1, 0.2, 0.5])
     assert dataset.masks == (None, None, None)
     assert not list(folder.glob("*.part"))
+
+
+def sightings_of(points):
+    """Where ``points`` (m, 3) appear in the three pictures."""
+    pixels = np.concatenate([CAMERA.project(points, T)[0] for T in POSES])
+    count = len(points)
+    return Sightings(points, np.repeat(np.arange(3), count), np.tile(np.arange(count), 3), pixels)
+
+
+POINTS = np.array([[0.02, 0.01, 0.0], [-0.05, 0.04, 0.03], [0.0, -0.06, -0.02]])
+
+
+@pytest.mark.parametrize("downscale", [1, 2])
+def test_distances_of_points_that_were_seen_are_known(folder, downscale):
+    assert all(len(known.pixels) == 0 for known in load_dataset(folder).known)
+    write_sightings(folder, sightings_of(POINTS))
+    dataset = load_dataset(folder, downscale=downscale)
+    for known, camera, T in zip(
+        dataset.known, dataset.intrinsics, dataset.T_world_cam, strict=True
+    ):
+        wanted = np.linalg.norm(POINTS - T[:3, 3], axis=1)
+        np.testing.assert_allclose(known.distances_m, wanted, rtol=1e-5)
+        pixels, _ = camera.project(POINTS, T)
+        rows, columns = np.divmod(known.pixels, camera.width)
+        assert np.abs(np.stack([columns, rows], axis=1) - pixels).max() <= 0.51
+
+
+def test_sightings_that_do_not_fit_the_poses_are_not_believed(folder):
+    seen = sightings_of(POINTS)
+    moved = POINTS + np.outer([1.0, 0.0, 0.0], [0.0, 0.0, 0.2])
+    write_sightings(folder, Sightings(moved, seen.pictures, seen.points, seen.pixels))
+    assert [len(known.pixels) for known in load_dataset(folder).known] == [2, 2, 2]
+
+
+def test_some_pictures_sightings_are_numbered_anew(folder):
+    some = sightings_of(POINTS).of(np.array([2, 0]))
+    assert some.pictures.tolist() == [0, 0, 0, 1, 1, 1]
+    np.testing.assert_allclose(some.pixels[:3], CAMERA.project(POINTS, POSES[2])[0])
+    np.testing.assert_allclose(some.points_world[some.points[3:]], POINTS)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04half"])
+def test_damaged_sightings_are_named(folder, content):
+    (folder / "sightings.npz").write_bytes(content)
+    with pytest.raises(DatasetError, match=r"sightings\.npz"):
+        load_dataset(folder)
 
 
 def test_pictures_are_rgb(folder):

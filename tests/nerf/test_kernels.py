@@ -43,6 +43,7 @@ def random_rays(config, counts):
     return SampledRays(
         starts=starts,
         points=points,
+        ts=np.concatenate([np.sort(rng.uniform(0.5, 3.0, c)) for c in counts]).astype(np.float32),
         ss=np.concatenate([np.sort(rng.random(c)) for c in counts]).astype(np.float32),
         ray_ids=np.repeat(np.arange(rays), counts),
         trusts=rng.uniform(0.1, 1.0, total).astype(np.float32),
@@ -51,6 +52,8 @@ def random_rays(config, counts):
         backdrops=rng.random((rays, 3), np.float32),
         targets=rng.random((rays, 3), np.float32),
         pictures=rng.integers(0, 2, rays),
+        # Every other ray knows where its surface is.
+        distances=(rng.uniform(0.6, 2.9, rays) * (np.arange(rays) % 2)).astype(np.float32),
     )
 
 

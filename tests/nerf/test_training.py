@@ -11,9 +11,17 @@ from server.nerf.dataset import load_dataset
 from server.nerf.orbit_view import OrbitView, orbit_pose
 from server.nerf.preview import render_preview
 from server.nerf.rays import PixelSource, camera_rays
+from server.nerf.sightings import KnownPixels
 from server.nerf.space import scene_space
 from server.nerf.training import Trainer
-from tests.nerf.tiny_scene import BALL_CENTRE, CAMERA, write_tiny_scene
+from tests.nerf.tiny_scene import (
+    BALL_CENTRE,
+    BALL_RADIUS,
+    CAMERA,
+    ball_mask,
+    ball_points,
+    write_tiny_scene,
+)
 
 FIELD = FieldConfig(levels=6, log2_table_size=13, features=2, coarsest=8, finest=128)
 TRAIN = TrainConfig(
@@ -210,6 +218,7 @@ def some_of(dataset, count):
         alphas=dataset.alphas[:count],
         intrinsics=dataset.intrinsics[:count],
         T_world_cam=dataset.T_world_cam[:count],
+        known=dataset.known[:count],
     )
 
 
@@ -232,9 +241,8 @@ def test_new_pictures_are_taken_in_without_forgetting(dataset):
 
 def test_drawn_rays_carry_their_pixels(dataset):
     space = scene_space(dataset)
-    batch = PixelSource(dataset, [2, 5], space, object_share=0.5, hull_cells=32).draw(
-        200, np.random.default_rng(0)
-    )
+    source = PixelSource(dataset, [2, 5], space, object_share=0.5, surface_share=0.3, hull_cells=32)
+    batch = source.draw(200, np.random.default_rng(0))
     assert set(batch.pictures) == {2, 5}
     for picture in (2, 5):
         _, directions = camera_rays(CAMERA, dataset.T_world_cam[picture], space)
@@ -242,6 +250,58 @@ def test_drawn_rays_carry_their_pixels(dataset):
         nearest = (batch.directions[rows] @ directions.T).argmax(axis=1)
         wanted = dataset.images[picture].reshape(-1, 3)[nearest] / 255.0
         np.testing.assert_allclose(batch.targets[rows], wanted, atol=1e-6)
+        # Nothing is known of this scene's distances.
+        assert (batch.distances == 0.0).all()
+
+
+def seen_ball(dataset, every=1):
+    """The dataset with the distances of points on the ball's near side known."""
+    known = []
+    for camera, T in zip(dataset.intrinsics, dataset.T_world_cam, strict=True):
+        points = ball_points(400)[::every]
+        towards = T[:3, 3] - points
+        near = ((points - BALL_CENTRE) * towards).sum(axis=1) > 0.1 * BALL_RADIUS
+        points = points[near]
+        pixels, _ = camera.project(points, T)
+        x, y = np.round(pixels).astype(np.int64).T
+        distances = np.linalg.norm(points - T[:3, 3], axis=1).astype(np.float32)
+        known.append(KnownPixels(y * camera.width + x, distances))
+    return dataclasses.replace(dataset, known=tuple(known))
+
+
+def test_rays_towards_known_points_carry_their_distances(dataset):
+    known = seen_ball(dataset)
+    space = scene_space(known)
+    source = PixelSource(known, [2], space, object_share=0.0, surface_share=1.0, hull_cells=32)
+    batch = source.draw(300, np.random.default_rng(0))
+    ends = space.to_world(batch.origins + batch.directions * batch.distances[:, None])
+    away = np.linalg.norm(ends - BALL_CENTRE, axis=1)
+    # Pixels are as wide as a few centimetres there.
+    np.testing.assert_allclose(away, BALL_RADIUS, atol=0.03)
+
+
+def depth_error(trainer, T):
+    """The median error of the ball's rendered depths from a pose, metres."""
+    on_ball = ball_mask(T)
+    v, u = np.nonzero(on_ball)
+    d = CAMERA.directions(np.stack([u, v], axis=1).astype(float)) @ T[:3, :3].T
+    o = T[:3, 3] - BALL_CENTRE
+    b = d @ o
+    true = -b - np.sqrt(b**2 - o @ o + BALL_RADIUS**2)
+    return float(np.median(np.abs(trainer.render(CAMERA, T).depth_m[on_ball] - true)))
+
+
+@pytest.mark.slow
+def test_known_distances_put_the_surface_of_few_views_where_it_is(dataset):
+    trainers = []
+    for data in (dataset, seen_ball(dataset, every=8)):
+        trainer = make(data, held_out=[k for k in range(24) if k % 4])
+        trainer.run(steps=150)
+        trainers.append(trainer)
+    # One of the six pictures, and one between two of them.
+    for view in (4, 6):
+        without, with_known = (depth_error(each, dataset.T_world_cam[view]) for each in trainers)
+        assert with_known < 0.5 * without
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,49 @@ def test_an_object_of_its_own_colour_is_found_where_expected(centre, known):
     assert region.confidence > 0.5
 
 
+def crude_outline(centre, stretch):
+    """The upright box of the ellipse, ``stretch`` times too large."""
+    x, y = stretch * HALF
+    corners = np.array([[-x, -y], [x, -y], [x, y], [-x, y]])
+    return np.array(centre, float) + corners
+
+
+def test_a_crude_outline_is_not_drawn_to_a_shelf_behind_the_object():
+    image, _ = drawn_room((480, -400))
+    truth = np.zeros((720, 960), bool)
+    # A table: little of its outline's inside is the table itself.
+    truth[440:470, 400:560] = True
+    for left in (400, 450, 500, 546):
+        truth[470:600, left : left + 14] = True
+    image[truth] = (170, 80, 40)
+    rng = np.random.default_rng(1)
+    # A shelf of many colours, as wide as five objects, whose foot is on the floor far behind.
+    books = rng.integers(20, 235, (6, 24, 3)).astype(np.uint8)
+    image[60:300, 120:840] = cv2.resize(books, (720, 240), interpolation=cv2.INTER_NEAREST)
+    expected = (470, 450)
+    prior = RegionPrior(
+        np.array(expected, float),
+        180.0,
+        2.6 * HALF,
+        Ground(free_px=300.0, foot_far_px=420.0, foot_near_px=800.0),
+        (crude_outline(expected, 1.3),),
+    )
+    region = find_region(image, RegionConfig(), prior)
+    assert region is not None
+    assert iou_of_masks(full_size(region.mask), truth) > 0.6
+
+
+def test_an_outline_that_is_much_too_large_does_not_hide_a_small_object():
+    image, truth = drawn_room((400, 420))
+    # The camera is believed to be three times as near as it is.
+    prior = RegionPrior(
+        np.array([380.0, 430.0]), 200.0, 6.0 * HALF, GROUND, (crude_outline((380, 430), 3.0),)
+    )
+    region = find_region(image, RegionConfig(), prior)
+    assert region is not None
+    assert iou_of_masks(full_size(region.mask), truth) > 0.7
+
+
 # Robustness: what happens to real pictures -------------------------------------------------------
 
 

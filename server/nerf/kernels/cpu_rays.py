@@ -50,8 +50,8 @@ def _flushed(gradient, scale):
 
 
 @njit(cache=True, fastmath=True)
-def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, dss, backdrop, target, gain, delta, distortion,
-              scale, weights, dsigmas, drgbs, dgain):  # fmt: skip
+def _ray_loss(lo, hi, sigmas, rgbs, ts, ss, trusts, dss, backdrop, target, gain, distance, delta,
+              distortion, surface, reach, scale, weights, dsigmas, drgbs, dgain):  # fmt: skip
     """Loss of one ray and its gradients; returns loss and squared error, both unscaled."""
     light = np.float32(1.0)
     pixel = np.zeros(3, np.float32)
@@ -82,7 +82,9 @@ def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, dss, backdrop, target, gain, del
         total_ws += weights[k] * ss[k]
     # One sweep from the back: q_k is dL/dw_k, tail the sum of w_j q_j over j > k.
     tail = light * (slope[0] * backdrop[0] + slope[1] * backdrop[1] + slope[2] * backdrop[2])
-    spread = np.float32(0.0)
+    spread = missed = np.float32(0.0)
+    knows = distance > np.float32(0.0)
+    reach *= max(distance, np.float32(1e-6))
     behind_w = behind_ws = np.float32(0.0)
     remaining = light
     for k in range(hi - 1, lo - 1, -1):
@@ -92,6 +94,10 @@ def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, dss, backdrop, target, gain, del
         spread += w * apart + w * w * dss[k] / np.float32(3.0)
         q = slope[0] * rgbs[k, 0] + slope[1] * rgbs[k, 1] + slope[2] * rgbs[k, 2]
         q += scale * distortion * (np.float32(2.0) * apart + np.float32(2.0 / 3.0) * w * dss[k])
+        if knows:
+            near = max(np.float32(1.0) - abs(ts[k] - distance) / reach, np.float32(0.0))
+            missed -= w * near
+            q -= scale * surface * near
         for c in range(3):
             drgbs[k, c] = _flushed(trusts[k] * slope[c] * w, scale)
         # T_{k+1}, the light that passes sample k, is what is left plus all weights behind it.
@@ -99,21 +105,26 @@ def _ray_loss(lo, hi, sigmas, rgbs, ss, trusts, dss, backdrop, target, gain, del
         tail += w * q
         behind_w += w
         behind_ws += w * ss[k]
-    return loss + distortion * spread, square
+    if knows:
+        missed += np.float32(1.0)
+    return loss + distortion * spread + surface * missed, square
 
 
 @njit(cache=True, parallel=True, fastmath=True)
-def loss_gradients(starts, sigmas, rgbs, ss, trusts, dss, backdrops, targets, gains, pictures,
-                   delta, distortion, weights, dsigmas, drgbs, gain_grads, sums):  # fmt: skip
+def loss_gradients(starts, sigmas, rgbs, ts, ss, trusts, dss, backdrops, targets, gains, pictures,
+                   distances, delta, distortion, surface, reach, weights, dsigmas, drgbs,
+                   gain_grads, sums):  # fmt: skip
     """Composite every ray, compare it with its pixel, and differentiate by densities and colours.
 
     The loss is the mean over rays of the Huber loss summed over channels, plus ``distortion``
-    times mip-NeRF 360's distortion loss (equation 15) in path units.
+    times mip-NeRF 360's distortion loss (equation 15) in path units, plus ``surface`` times the
+    light that is not taken near a ray's known surface (``server.nerf.rendering``).
 
     Args:
         starts: ``(rays + 1,)`` first sample of every ray.
         sigmas: ``(n,)`` per path unit.
         rgbs: ``(n, 3)``.
+        ts: ``(n,)`` distances along the ray, scene units.
         ss: ``(n,)`` path positions.
         trusts: ``(n,)`` factor of the gradients of each sample.
         dss: ``(n,)`` path length of every sample.
@@ -121,8 +132,11 @@ def loss_gradients(starts, sigmas, rgbs, ss, trusts, dss, backdrops, targets, ga
         targets: ``(rays, 3)`` pixels in [0, 1].
         gains: ``(pictures, 3)`` exposure gains.
         pictures: ``(rays,)`` picture of every ray.
+        distances: ``(rays,)`` of a known surface, scene units; 0 where none is known.
         delta: Huber's delta.
         distortion: Weight of the distortion loss.
+        surface: Weight of the light that is taken elsewhere than at known surfaces.
+        reach: How far from one light counts in part, share of its distance.
         weights: ``(n,)``, written.
         dsigmas: ``(n,)``, written.
         drgbs: ``(n, 3)``, written.
@@ -136,9 +150,9 @@ def loss_gradients(starts, sigmas, rgbs, ss, trusts, dss, backdrops, targets, ga
         loss = square = 0.0
         for r in range(rays * chunk // chunks, rays * (chunk + 1) // chunks):
             a, b = _ray_loss(
-                starts[r], starts[r + 1], sigmas, rgbs, ss, trusts, dss, backdrops[r], targets[r],
-                gains[pictures[r]], delta, distortion, scale, weights, dsigmas, drgbs,
-                gain_grads[chunk, pictures[r]],
+                starts[r], starts[r + 1], sigmas, rgbs, ts, ss, trusts, dss, backdrops[r],
+                targets[r], gains[pictures[r]], distances[r], delta, distortion, surface, reach,
+                scale, weights, dsigmas, drgbs, gain_grads[chunk, pictures[r]],
             )  # fmt: skip
             loss += a
             square += b

@@ -31,7 +31,7 @@ const STEP_OF_PHASE: Readonly<Record<string, Step>> = {
 };
 
 /** Stages of the training that come before the field's own, with null for none yet. */
-const REFINING: ReadonlySet<string | null> = new Set([null, "live", "refine"]);
+const REFINING: ReadonlySet<string | null> = new Set([null, "live", "refine", "masks"]);
 
 /**
  * Return the timeline's step for a phase, or null where the phase has none.

@@ -26,7 +26,7 @@ export const EMPTY_SERIES: QualitySeries = {
 const MOST_POINTS = 2000;
 
 /** Stages that train nothing: the curves leave their time out. */
-const NO_TRAINING: ReadonlySet<string> = new Set(["refine", "evaluate", "mesh", "film"]);
+const NO_TRAINING: ReadonlySet<string> = new Set(["refine", "masks", "evaluate", "mesh", "film"]);
 
 /**
  * Append a report to the series.

@@ -380,6 +380,7 @@ export const de: Catalogue = {
     stage: {
       live: "Im Flug",
       refine: "Posen",
+      masks: "Umrisse",
       train: "Training",
       evaluate: "Urteil",
       deliver: "Letztes Training",

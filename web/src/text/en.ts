@@ -382,6 +382,7 @@ export const en = {
     stage: {
       live: "Live",
       refine: "Refining poses",
+      masks: "Outlining the object",
       train: "Training",
       evaluate: "Judging",
       deliver: "Final training",
