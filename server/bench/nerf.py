@@ -144,6 +144,7 @@ def _render_dataset(model: ObjectModel, T_world_cam: Array) -> Dataset:
         (camera,) * len(images),
         T_world_cam,
         None,
+        None,
         (nothing_known(),) * len(images),
     )
 

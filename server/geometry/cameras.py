@@ -15,6 +15,8 @@ from server.geometry.poses import inverse, transform_points
 
 Array = NDArray[np.float64]
 
+_NOWHERE_PX = 1e9
+
 
 @dataclass(frozen=True, slots=True)
 class Intrinsics:
@@ -116,6 +118,11 @@ class Intrinsics:
                 & (pixels[:, 1] >= margin_px)
                 & (pixels[:, 1] <= self.height - 1 - margin_px)
             )
+
+
+def whole_pixels(pixels: Array) -> NDArray[np.int64]:
+    """Return the nearest whole pixels ``(n, 2)``; -1 for what is nowhere near a picture."""
+    return np.where(np.abs(pixels) < _NOWHERE_PX, np.round(pixels), -1.0).astype(np.int64)
 
 
 # The calibration of a Tello's video that most public code shares, rounded and centred.

@@ -16,6 +16,7 @@ from server.jobs.worker import Reporter
 from server.nerf.dataset import Dataset
 from server.nerf.exports import write_colmap, write_mesh, write_points
 from server.nerf.saved_run import open_dataset, open_field
+from server.nerf.sightings import FILE as SIGHTINGS
 from server.nerf.surface import CELLS, extract_surface
 
 ExportFormat = Literal["glb", "ply", "points", "colmap", "transforms"]
@@ -80,5 +81,7 @@ def _copy(dataset: Dataset, folder: Path) -> int:
         target = folder / source.relative_to(dataset.folder)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target)
+    if (dataset.folder / SIGHTINGS).is_file():
+        shutil.copyfile(dataset.folder / SIGHTINGS, folder / SIGHTINGS)
     (folder / "transforms.json").write_text(description)
     return len(dataset)

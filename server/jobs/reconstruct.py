@@ -351,6 +351,7 @@ def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses
         ],
         before.intrinsics[0],
         object_box,
+        poses.floor_z,
     )
     about = {
         "message": poses.message,
@@ -377,6 +378,7 @@ def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses
         cameras,
         poses.reprojection_rms_px,
         sightings,
+        poses.floor_z,
         poses.message,
     )
 

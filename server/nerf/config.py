@@ -114,7 +114,7 @@ class TrainConfig:
 
     rays_per_step: int = 2048
     samples_per_ray: int = 24
-    render_samples_per_ray: int = 32
+    render_samples_per_ray: int = 16
     bin_length: float = 1.0 / 20.0
     even_share: float = 0.5
     even_share_end: float = 0.1
@@ -182,4 +182,6 @@ def suited_configs(*, cut_out: bool) -> tuple[FieldConfig, TrainConfig]:
     """
     if not cut_out:
         return FieldConfig(), TrainConfig()
-    return FieldConfig(log2_table_size=15), TrainConfig(samples_per_ray=16, mlp_rate_share=0.25)
+    return FieldConfig(log2_table_size=15), TrainConfig(
+        samples_per_ray=16, render_samples_per_ray=32, mlp_rate_share=0.25
+    )

@@ -51,6 +51,7 @@ class Dataset:
         intrinsics: One camera each, of the picture at training size, with its distortion.
         T_world_cam: ``(n, 4, 4)`` OpenCV camera to world, metres.
         object_box: Box around the object, world metres, or None when unknown.
+        floor_z: Height of the floor that the object stands on, world metres, None when unknown.
         known: Pixels of each picture at which the distance of a surface is known, often none.
     """
 
@@ -62,6 +63,7 @@ class Dataset:
     intrinsics: tuple[Intrinsics, ...]
     T_world_cam: Array
     object_box: Box3 | None
+    floor_z: float | None
     known: tuple[KnownPixels, ...]
 
     def __len__(self) -> int:
@@ -164,6 +166,7 @@ def load_dataset(
         tuple(cameras),
         poses,
         _read_box(description),
+        _read_floor(description),
         tuple(known),
     )
 
@@ -173,6 +176,7 @@ def write_transforms(
     pictures: Sequence[PosedFile],
     intrinsics: Intrinsics,
     object_box: Box3 | None,
+    floor_z: float | None = None,
 ) -> Path:
     """Write ``folder/transforms.json`` so that it is complete or untouched, never half.
 
@@ -181,6 +185,7 @@ def write_transforms(
         pictures: Pictures in the order they shall have.
         intrinsics: Camera of all that name none of their own.
         object_box: Box around the object, world metres, or None.
+        floor_z: Height of the floor, world metres, or None.
 
     Returns:
         Path of the file.
@@ -206,6 +211,8 @@ def write_transforms(
     }
     if object_box is not None:
         description["object_box"] = [object_box.lower.tolist(), object_box.upper.tolist()]
+    if floor_z is not None:
+        description["floor_z"] = floor_z
     target = folder / _TRANSFORMS
     draft = folder / (_TRANSFORMS + ".part")
     with draft.open("w", encoding="utf-8") as stream:
@@ -356,3 +363,12 @@ def _read_box(description: Mapping[str, Any]) -> Box3 | None:
         return Box3(lower, upper)
     except (TypeError, ValueError) as error:
         raise DatasetError(f"object_box is not two corners: {error}") from error
+
+
+def _read_floor(description: Mapping[str, Any]) -> float | None:
+    told = description.get("floor_z")
+    if told is None:
+        return None
+    if not isinstance(told, int | float) or not np.isfinite(told):
+        raise DatasetError(f"floor_z is not a height: {told}")
+    return float(told)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from server.geometry.boxes import Box3
+from server.geometry.cameras import whole_pixels
 from server.nerf.dataset import Dataset
 from server.nerf.space import SceneSpace, expand, scene_space
 
@@ -82,7 +83,7 @@ def box_of_masks(dataset: Dataset, near: Box3) -> Box3 | None:
         mask = dataset.masks[index]
         assert mask is not None
         pixels, depths = dataset.intrinsics[index].project(points, dataset.T_world_cam[index])
-        u, v = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        u, v = whole_pixels(pixels).T
         shown = (depths > 0) & (u >= 0) & (u < mask.shape[1]) & (v >= 0) & (v < mask.shape[0])
         seen += shown
         beside[shown] += ~mask[v[shown], u[shown]]
@@ -125,7 +126,7 @@ def visual_hull(
     for index in indices:
         mask = grown_mask(dataset, index, space, cells)
         pixels, _ = dataset.intrinsics[index].project(points, dataset.T_world_cam[index])
-        u, v = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        u, v = whole_pixels(pixels).T
         shown = (u >= 0) & (u < mask.shape[1]) & (v >= 0) & (v < mask.shape[0])
         outside[shown] += ~mask[v[shown], u[shown]]
     left = outside < max(1, math.ceil(_AGREEING_SHARE * len(indices)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from server.geometry.boxes import Box3
+from server.geometry.cameras import whole_pixels
 from server.nerf.dataset import Dataset
 from server.nerf.space import SceneSpace, contract, expand
 
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 
 # Air around the box, as a share of its size.
 _AIR = 0.05
+# What is no higher above the floor is the floor: its texture is as thick as that in a field.
+_FLOOR_M = 0.015
 # A mask that follows the object loosely must not cut into it: so much of the picture it is grown
 # by, and more than this share of the masks that see a place must say that it is beside the object.
 _MASK_SLACK = 0.02
@@ -78,6 +81,9 @@ def object_part(dataset: Dataset, space: SceneSpace, cells: int, coarse: int) ->
     counts = [math.ceil(size / cell_m) + 3 for size in box.size]
     inner = np.zeros(counts, bool)
     inner[1:-2, 1:-2, 1:-2] = True
+    if dataset.floor_z is not None:
+        heights = corner[2] + cell_m * np.arange(counts[2])
+        inner[:, :, heights < dataset.floor_z + max(_FLOOR_M, cell_m)] = False
     axes = [c + cell_m * np.arange(0, n, _MASK_STEP) for c, n in zip(corner, counts, strict=True)]
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     allowed = on_object(dataset, middles.reshape(-1, 3)).reshape(middles.shape[:3])
@@ -104,7 +110,7 @@ def on_object(dataset: Dataset, points_world: Array) -> NDArray[np.bool_]:
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach_px + 1,) * 2)
         grown = cv2.dilate(shown.astype(np.uint8), disc) > 0
         pixels, depths = dataset.intrinsics[index].project(points_world, dataset.T_world_cam[index])
-        u, v = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        u, v = whole_pixels(pixels).T
         visible = (depths > 0) & (u >= 0) & (u < shown.shape[1]) & (v >= 0) & (v < shown.shape[0])
         seen += visible
         beside[visible] += ~grown[v[visible], u[visible]]

@@ -28,6 +28,7 @@ from server.nerf.pose_alignment import (
 )
 from server.nerf.pose_bundle import Adjusted, adjust
 from server.nerf.pose_config import PoseConfig
+from server.nerf.pose_floor import on_the_floor
 from server.nerf.pose_mapping import Mapper, Model, PosesStoppedError
 from server.nerf.pose_pairs import choose_pairs
 from server.nerf.sightings import Sightings, no_sightings
@@ -76,6 +77,7 @@ class RefinedPoses:
         intrinsics: Camera of each picture, with the focal length found for its drone.
         reprojection_rms_px: Root mean square over all observations used, NaN without any.
         sightings: Triangulated points seen in three pictures or more, in the pictures' order.
+        floor_z: Height of the floor, on which the world was then set, None when none was found.
         message: One sentence for the operator.
     """
 
@@ -86,6 +88,7 @@ class RefinedPoses:
     intrinsics: tuple[Intrinsics, ...]
     reprojection_rms_px: float
     sightings: Sightings
+    floor_z: float | None
     message: str
 
 
@@ -127,6 +130,12 @@ def _errors_px(
     return np.concatenate(errors) if errors else np.zeros(0)
 
 
+def _sure_points(model: Model) -> Array:
+    """Return the points ``(m, 3)`` of a model that three pictures or more saw, in its frame."""
+    seen = np.bincount(model.observations[:, 1].astype(int), minlength=len(model.points_model))
+    return model.points_model[seen >= 3]
+
+
 def _sightings(model: Model, points_world: Array) -> Sightings:
     """Return where the points of a carried model were seen, those of two pictures left out."""
     points = model.observations[:, 1].astype(np.int64)
@@ -164,6 +173,7 @@ class _Carried:
         self._sigma_m, self._sigma_rad = beliefs.sigma_m.copy(), beliefs.sigma_rad.copy()
         self._cameras = list(cameras)
         self._sightings = no_sightings()
+        self._on_floor = False
         self._rms_px = float("nan")
 
     def complete(self, still: NDArray[np.bool_]) -> bool:
@@ -195,6 +205,10 @@ class _Carried:
             except ScaleUnknownError:
                 # A model without extent (a hovering drone) tells nothing about scale or place.
                 continue
+            if not placed.any():
+                corrected = on_the_floor(similarity, _sure_points(adjusted.model))
+                self._on_floor = corrected is not None
+                similarity = similarity if corrected is None else corrected
             taken = model.indices[new]
             self.T_world_cam[taken] = similarity.poses(T_model_cam)[new]
             if not placed.any():
@@ -238,6 +252,7 @@ class _Carried:
             tuple(self._cameras),
             self._rms_px,
             self._sightings,
+            0.0 if self._on_floor else None,
             self._message(task.still),
         )
 

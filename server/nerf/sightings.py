@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from server.geometry.cameras import Intrinsics
+from server.geometry.cameras import Intrinsics, whole_pixels
 
 Array = NDArray[np.float64]
 
-_FILE = "sightings.npz"
+FILE = "sightings.npz"
 # A point that the picture's pose puts farther from where it was seen is not believed, as a share
 # of the picture's width: somebody has changed the poses, or it was a wrong match.
 _FARTHEST_SHARE = 0.004
@@ -86,8 +86,8 @@ def no_sightings() -> Sightings:
 
 def write_sightings(folder: Path, sightings: Sightings) -> None:
     """Write ``folder/sightings.npz`` so that it is complete or untouched, never half."""
-    target = folder / _FILE
-    draft = folder / (_FILE + ".part")
+    target = folder / FILE
+    draft = folder / (FILE + ".part")
     with draft.open("wb") as stream:
         np.savez_compressed(
             stream,
@@ -107,7 +107,7 @@ def read_sightings(folder: Path) -> Sightings:
     Raises:
         ValueError: If there is one that cannot be read or makes no sense.
     """
-    path = folder / _FILE
+    path = folder / FILE
     if not path.is_file():
         return no_sightings()
     try:
@@ -155,7 +155,7 @@ def known_pixels(
     seen = (sightings.pixels[rows] + 0.5) * scale - 0.5
     pixels, depths = camera.project(points, T_world_cam)
     away = np.linalg.norm(pixels - seen, axis=1)
-    x, y = np.round(np.nan_to_num(seen, nan=-1.0)).astype(np.int64).T
+    x, y = whole_pixels(seen).T
     good = (away <= max(_FARTHEST_SHARE * camera.width, 1.0)) & (depths > 0.0)
     good &= (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
     distances = np.linalg.norm(points - T_world_cam[:3, 3], axis=1)

@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from skimage.measure import marching_cubes
 
-from server.geometry.cameras import Intrinsics
+from server.geometry.cameras import Intrinsics, whole_pixels
 from server.nerf.object_part import ObjectPart
 from server.nerf.rendering import Rendering
 from server.nerf.training import Trainer
@@ -71,7 +71,7 @@ class _View:
         The second is ``(m, 2)``, the third ``(m,)`` in metres from the camera.
         """
         pixels, depths = self.camera.project(points, self.T_world_cam)
-        columns, rows = np.round(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        columns, rows = whole_pixels(pixels).T
         inside = (columns >= 0) & (columns < self.camera.width)
         inside &= (rows >= 0) & (rows < self.camera.height) & (depths > 0.0)
         places = np.stack([rows[inside], columns[inside]], axis=1)

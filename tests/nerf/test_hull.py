@@ -109,9 +109,9 @@ def test_the_object_is_found_without_a_box(dataset):
 
 def test_only_pixels_that_may_show_the_object_are_drawn(dataset):
     space = scene_space(dataset)
-    batch = PixelSource(dataset, [2], space, object_share=0.0, hull_cells=CELLS).draw(
-        3000, np.random.default_rng(0)
-    )
+    batch = PixelSource(
+        dataset, [2], space, object_share=0.0, surface_share=0.0, hull_cells=CELLS
+    ).draw(3000, np.random.default_rng(0))
     near = grown_mask(dataset, 2, space, CELLS, times=2)
     assert near.mean() < 0.7
     # Every pixel drawn lies there, and some of them beside the object.

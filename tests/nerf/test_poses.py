@@ -93,7 +93,12 @@ def test_poses_of_a_textured_room_are_recovered(flight: Flight, tmp_path: Path) 
     up = result.T_world_cam[:, 2, 1] - flight.T_true[:, 2, 1]
     assert np.abs(up).max() < 0.02
     assert result.reprojection_rms_px < 1.0
-    assert len(result.points_world) > 500
+    seen = result.sightings
+    assert len(seen.points_world) > 500
+    for k, (T, camera) in enumerate(zip(result.T_world_cam, result.intrinsics, strict=True)):
+        rows = seen.pictures == k
+        pixels, _ = camera.project(seen.points_world[seen.points[rows]], T)
+        assert np.median(np.linalg.norm(pixels - seen.pixels[rows], axis=1)) < 1.0
     assert "12 of 12" in result.message
     assert [step for step, share in progress if share == 1.0][:2] == ["features", "matches"]
     assert all(0.0 <= share <= 1.0 for _, share in progress)
@@ -161,7 +166,8 @@ def test_pictures_without_texture_keep_their_flight_poses(tmp_path: Path) -> Non
     assert not result.refined.any()
     np.testing.assert_array_equal(result.T_world_cam, np.stack([p.T_world_cam for p in pictures]))
     assert math.isnan(result.reprojection_rms_px)
-    assert result.points_world.shape == (0, 3)
+    assert len(result.sightings.pictures) == 0
+    assert result.floor_z is None
     assert "texture" in result.message
 
 
