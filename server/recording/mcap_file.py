@@ -9,13 +9,14 @@ from __future__ import annotations
 import fcntl
 from collections.abc import Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from server.recording.json_messages import SCHEMAS, JsonMessage
+from server.recording.reserved_file import ReservedFile
 
 Recordable = Message | JsonMessage
 
@@ -36,19 +37,28 @@ class McapFile:
         messages: Written so far.
     """
 
-    def __init__(self, path: Path, chunk_bytes: int) -> None:
+    def __init__(self, path: Path, chunk_bytes: int, max_bytes: int) -> None:
         """Create the file.
+
+        Args:
+            path: Where.
+            chunk_bytes: Messages reach the disk in chunks of about this size.
+            max_bytes: How large it may become, for the room that its end needs.
 
         Raises:
             OSError: If it cannot be created.
             FileExistsError: If it is there already: no recording is ever overwritten.
         """
         self.messages = 0
-        self._stream: BinaryIO = path.open("xb")
+        # Two chunks: the one that did not fit, and the one that was being filled meanwhile.
+        end_bytes = _SUMMARY_BYTES + (max_bytes // chunk_bytes + 1) * _CHUNK_INDEX_BYTES
+        self._stream = ReservedFile(path, 2 * chunk_bytes + end_bytes)
         fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # Video does not get smaller, and an uncompressed chunk is open to any reader.
         self._writer = Writer(
-            self._stream, chunk_size=_NEVER_BYTES, compression=CompressionType.NONE
+            cast("BinaryIO", self._stream),
+            chunk_size=_NEVER_BYTES,
+            compression=CompressionType.NONE,
         )
         self._writer.start(library=LIBRARY)
         self._schemas: dict[str, int] = {}
@@ -59,7 +69,6 @@ class McapFile:
     def describe(self, name: str, about: Mapping[str, str]) -> None:
         """Write metadata."""
         self._writer.add_metadata(name, dict(about))
-        self._stream.flush()
 
     def write(self, topic: str, message: Recordable, log_ns: int, publish_ns: int) -> None:
         """Write a message.
@@ -100,6 +109,11 @@ class McapFile:
                 schema_id = register_schema(self._writer, type(message))
             self._schemas[kind] = schema_id
         return self._schemas[kind]
+
+    @property
+    def full(self) -> bool:
+        """Whether the disk is full: there is room for the end, and for nothing after it."""
+        return self._stream.full
 
     def size_if_ended(self, more_bytes: int = 0) -> int:
         """Return an upper bound of the file's size if it ended after ``more_bytes`` of messages."""

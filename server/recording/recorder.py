@@ -125,7 +125,7 @@ class FlightRecorder:
         room = self._free(self.path.parent)
         if room < self._config.min_free_bytes:
             raise OSError(self._too_full(room))
-        self._file = McapFile(self.path, self._config.chunk_bytes)
+        self._file = McapFile(self.path, self._config.chunk_bytes, self._config.max_bytes)
         for name, fields in about.items():
             self._file.describe(name, fields)
         self._thread = threading.Thread(target=self._run, name="flight recorder", daemon=True)
@@ -221,6 +221,8 @@ class FlightRecorder:
                 if file.size_if_ended(size + _NOTE_BYTES) > self._config.max_bytes:
                     return f"it has reached its limit of {_megabytes(self._config.max_bytes)}"
                 note.write(file, video, self.base)
+                if file.full:
+                    return "the disk is full"
                 with self._changed:
                     self._waiting_bytes -= size
             if closing:
@@ -228,6 +230,8 @@ class FlightRecorder:
             if time.monotonic() - flushed_s >= self._config.flush_s:
                 flushed_s = time.monotonic()
                 file.flush()
+                if file.full:
+                    return "the disk is full"
                 room = self._free(self.path.parent)
                 if room < self._config.min_free_bytes:
                     return self._too_full(room)

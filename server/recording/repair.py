@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from server.recording.mcap_file import LIBRARY
 from server.recording.reading import Recording, RecordingError
+from server.recording.reserved_file import forget_reserve
 
 _LOG = logging.getLogger(__name__)
 
@@ -47,6 +48,7 @@ def repair(path: Path) -> bool:
             fcntl.flock(original, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return False
+        forget_reserve(path)
         if is_whole(path):
             return False
         if shutil.disk_usage(path.parent).free < path.stat().st_size + _ROOM_BYTES:
