@@ -39,7 +39,8 @@ def generate_candidates(
 
     A pose is feasible when the whole object is in the picture (with a margin; where in the picture
     does not matter), the fence, floor, ceiling, standoff and no-go volumes are kept and no
-    obstacle is between. Poses near the fence are left out where half of all are left then.
+    obstacle is between. The standoff is that of viewpoints where half of all poses are left then;
+    poses near the fence are left out likewise.
 
     Args:
         seed: The object.
@@ -51,10 +52,30 @@ def generate_candidates(
     Raises:
         PlanError: If no pose is left; the text names the constraint that ruled out the last ones.
     """
+    space = config.space
+    near = _enough(seed, intrinsics, tilt_rad, config, obstacles, space.standoff_m)
+    if space.view_standoff_m <= space.standoff_m:
+        return near
+    try:
+        far = _enough(seed, intrinsics, tilt_rad, config, obstacles, space.view_standoff_m)
+    except PlanError:
+        return near
+    return far if 2 * len(far) >= len(near) else near
+
+
+def _enough(
+    seed: SeedGeometry,
+    intrinsics: Intrinsics,
+    tilt_rad: float,
+    config: PlannerConfig,
+    obstacles: Sequence[Box3],
+    standoff_m: float,
+) -> tuple[Viewpoint, ...]:
+    """Return the feasible poses, so densely that there are enough of them."""
     found: tuple[Viewpoint, ...] = ()
     for doublings in range(4):
         azimuths = config.candidates.azimuths * 2**doublings
-        found = _feasible(seed, intrinsics, tilt_rad, config, obstacles, azimuths)
+        found = _feasible(seed, intrinsics, tilt_rad, config, obstacles, azimuths, standoff_m)
         if len(found) >= config.candidates.minimum:
             break
     return found
@@ -85,6 +106,7 @@ def _feasible(
     config: PlannerConfig,
     obstacles: Sequence[Box3],
     azimuth_count: int,
+    standoff_m: float,
 ) -> tuple[Viewpoint, ...]:
     space, shells = config.space, config.candidates
     centre = seed.outer.centre
@@ -100,7 +122,7 @@ def _feasible(
         )
     )
     view_radius = _nearest_radius_in_view(seed.outer, azimuth, height, intrinsics, tilt_rad, shells)
-    standoff_radius = _nearest_radius_with_standoff(seed.outer, azimuth, space.standoff_m)
+    standoff_radius = _nearest_radius_with_standoff(seed.outer, azimuth, standoff_m)
     radius = factor * np.maximum(view_radius, standoff_radius)
     kept = np.isfinite(radius)
     _say_if_empty(kept, "no height between floor and ceiling shows the whole object")

@@ -23,6 +23,8 @@ class FlightSpace:
         floor_m: Lowest height of a camera.
         ceiling_m: Greatest height of a camera.
         standoff_m: Least horizontal distance to the object's outer box; nobody flies above it.
+        view_standoff_m: Least such distance of viewpoints, where the fence leaves half of them.
+            Drones that come near the object creep, see ``server.swarm.coasting``.
         separation_m: Least distance between viewpoints occupied at the same time.
         downwash_factor: How many times the separation two drones keep when one is above the other.
         no_go: Volumes that no drone may enter, each as the x, y, z of its lower and then of its
@@ -34,6 +36,7 @@ class FlightSpace:
     floor_m: float = 0.45
     ceiling_m: float = 2.0
     standoff_m: float = 0.9
+    view_standoff_m: float = 1.2
     separation_m: float = 1.0
     downwash_factor: float = 2.0
     no_go: tuple[tuple[float, float, float, float, float, float], ...] = ()
@@ -44,6 +47,7 @@ class FlightSpace:
         _require(self.floor_m >= 0, "floor_m", "at least 0")
         _require(self.ceiling_m > self.floor_m, "ceiling_m", "above floor_m")
         _require(self.standoff_m > 0, "standoff_m", "positive")
+        _require(self.view_standoff_m > 0, "view_standoff_m", "positive")
         _require(self.separation_m > 0, "separation_m", "positive")
         _require(self.downwash_factor >= 1, "downwash_factor", "at least 1")
         _require(self.no_go_clearance_m >= 0, "no_go_clearance_m", "at least 0")

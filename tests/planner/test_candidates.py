@@ -55,7 +55,21 @@ def test_the_nearest_shell_is_as_near_as_the_picture_allows(dog: SeedGeometry) -
         pixels, _ = TELLO_INTRINSICS.project(dog.outer.corners, T)
         margin = config.candidates.margin * TELLO_INTRINSICS.height
         cut = not TELLO_INTRINSICS.contains(pixels, margin).all()
-        assert cut or column(dog.outer).distance(nearer) < config.space.standoff_m
+        assert cut or column(dog.outer).distance(nearer) < config.space.view_standoff_m
+
+
+def test_viewpoints_come_nearer_only_where_the_fence_leaves_few_farther_off(
+    dog: SeedGeometry,
+) -> None:
+    def nearest_m(fence_m: float) -> float:
+        config = PlannerConfig(space=FlightSpace(fence_radius_m=fence_m))
+        views = generate_candidates(dog, TELLO_INTRINSICS, TELLO_TILT_RAD, config)
+        return min(column(dog.outer).distance(view.position_world) for view in views)
+
+    space = FlightSpace()
+    assert nearest_m(4.0) >= space.view_standoff_m - 1e-6
+    reach_m = float(np.hypot(*(dog.outer.size[:2] / 2.0)))
+    assert space.standoff_m - 1e-6 <= nearest_m(reach_m + 1.0) < space.view_standoff_m
 
 
 def test_high_places_are_among_the_candidates(dog: SeedGeometry) -> None:
