@@ -19,8 +19,9 @@ _FARTHEST_M, _STEEPEST_DEG = 0.3, 5.0
 # Points of the floor are so near to one plane; the plane needs so many, and such a share of those
 # that may be floor.
 _THICKNESS_M, _LEAST_POINTS, _LEAST_SHARE = 0.01, 60, 0.25
-# Whatever has more points below it than this share of its own is a table; some are always wrong.
-_LEAST_BELOW_M, _BELOW_SHARE = 0.03, 0.1
+# What has a layer below it, of this share of its own points, is a table. Single points are often
+# wrong and lie anywhere.
+_LEAST_BELOW_M, _LAYER_M, _LAYER_SHARE = 0.03, 0.02, 0.1
 _TRIES = 500
 
 
@@ -67,8 +68,10 @@ def _floor_plane(points: Array, rng: np.random.Generator) -> tuple[Array, Array]
     normal = _upward(axes[2])
     if normal is None:
         return None
-    below = (points - middle) @ normal < -_LEAST_BELOW_M
-    return None if below.sum() > _BELOW_SHARE * best.sum() else (normal, middle)
+    heights = (points - middle) @ normal
+    layers = np.floor(heights[heights < -_LEAST_BELOW_M] / _LAYER_M).astype(np.int64)
+    thickest = int(np.unique(layers, return_counts=True)[1].max(initial=0))
+    return None if thickest > _LAYER_SHARE * best.sum() else (normal, middle)
 
 
 def _upward(normal: Array) -> Array | None:

@@ -60,3 +60,9 @@ def test_what_shows_no_floor_is_said_to_show_none(points):
 def test_a_table_top_with_floor_below_it_is_no_floor():
     points = room(np.random.default_rng(2), floor=150, table=900)
     assert on_the_floor(SAME, points) is None
+
+
+def test_points_that_are_wrong_here_and_there_do_not_make_a_floor_a_table():
+    rng = np.random.default_rng(3)
+    wrong = np.column_stack([rng.uniform(-3, 3, (80, 2)), rng.uniform(-0.25, -0.03, 80)])
+    assert on_the_floor(SAME, np.concatenate([room(rng), wrong])) is not None
