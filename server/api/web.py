@@ -31,6 +31,7 @@ from server.api.replays import make_replays_router
 from server.api.request_ids import RequestIds
 from server.api.results import make_results_router
 from server.api.safety import make_safety_router
+from server.api.scale import make_scale_router
 from server.api.scene_bridge import make_scene_router
 from server.api.setup import make_setup_router
 from server.api.stream import StreamCounts, make_stream_router
@@ -110,6 +111,7 @@ def make_web(
     web.include_router(make_results_router(mission, journal, door.prefix))
     web.include_router(make_replays_router(mission))
     web.include_router(make_jobs_router(mission, jobs))
+    web.include_router(make_scale_router(mission, jobs))
     web.include_router(make_tokens_router(door.ring))
     web.include_router(make_stream_router(mission, journal, desk, config.stream, counts))
     web.include_router(make_health_router(mission, jobs, journal, counts, version))

@@ -2,7 +2,8 @@
 
 ``capture.json`` (what was asked, how far it came), ``images/`` and ``masks/`` (the dataset),
 ``keyframes/`` (pictures between them), ``pictures.jsonl`` (their believed poses),
-``transforms.json`` (what instant-ngp and nerfstudio open), ``poses.json``, ``metrics.json``,
+``transforms.json`` (what instant-ngp and nerfstudio open), ``sightings.npz`` (points that its
+pictures share), ``poses.json``, ``scale.json`` (where a known length set it), ``metrics.json``,
 ``log.jsonl``, ``checkpoint.npz``, ``preview.jpg``.
 """
 

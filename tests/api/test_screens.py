@@ -8,6 +8,8 @@ import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from fake_mission import (
     DRONES,
@@ -25,7 +27,10 @@ from fake_mission import (
 from playwright.async_api import Browser, Error, Page, async_playwright, expect
 from served_console import TOKEN, Console, runner_of, serve, until
 
+from server.geometry.cameras import TELLO_INTRINSICS as LENS
+from server.geometry.poses import look_at
 from server.mission.events import MetricsMeasured, PlanProgressed, TrainingProgressed
+from server.nerf.dataset import PosedFile, load_dataset, write_transforms
 from server.stages import Metrics
 from server.swarm.failsafes import FailsafeTable
 
@@ -287,6 +292,54 @@ async def test_a_capture_is_trained_anew_with_other_settings(
         await page.get_by_role("button", name="Cancel").click()
         await expect(page.get_by_test_id("training-cancelled")).to_be_visible()
         await page.close()
+
+
+async def test_a_known_length_sets_the_scale_of_a_capture(tmp_path: Path, browser: Browser) -> None:
+    ends = np.array([[-0.25, 0.0, 0.1], [0.25, 0.0, 0.1]])
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        folder = keep_posed_run(console)
+        poses = load_dataset(folder).T_world_cam
+        page = await browser.new_page(viewport={"width": 1440, "height": 1400})
+        await open_screen(console, page, "library")
+        await page.goto(f"{console.http}/#/library/run-1")
+        await page.get_by_text("Scale from a known length").click()
+        start = page.get_by_test_id("set-scale")
+        await page.get_by_label("Distance of the ends").fill("0.55")
+        await expect(start).to_be_disabled()
+        for picture in (0, 1):
+            shown = page.get_by_test_id(f"mark-picture-{picture}")
+            await shown.scroll_into_view_if_needed()
+            size = await shown.bounding_box()
+            assert size is not None
+            pixels, _ = LENS.project(ends, poses[picture])
+            for x, y in (pixels + 0.5) * size["width"] / LENS.width:
+                await shown.click(position={"x": float(x), "y": float(y)})
+        await expect(start).to_be_enabled()
+        # Arrow keys move a cross; only Enter marks with it.
+        await page.get_by_test_id("mark-picture-1").focus()
+        await page.keyboard.press("Shift+ArrowRight")
+        await start.click()
+        await expect(page.get_by_test_id("scale-found")).to_contain_text("multiplied by 1.")
+        after = load_dataset(folder).T_world_cam
+        scaled = np.linalg.norm(after[:, :3, 3], axis=1) / np.linalg.norm(poses[:, :3, 3], axis=1)
+        # Shown smaller than it is, a click is a pixel or two wrong.
+        np.testing.assert_allclose(scaled, 1.1, rtol=0.04)
+        await page.close()
+
+
+def keep_posed_run(console: Console) -> Path:
+    """Keep a finished capture of four grey pictures round the middle."""
+    console.mission.keep(capture_changed("run-1", "succeeded", "done"))
+    folder = console.mission.runs / "run-1"
+    (folder / "images").mkdir(parents=True, exist_ok=True)
+    posed = []
+    for k, azimuth in enumerate((0.0, 1.2, 2.4, 3.6)):
+        T = look_at(np.array([1.6 * np.cos(azimuth), 1.6 * np.sin(azimuth), 0.9]), np.zeros(3))
+        file = f"images/{k:04d}.jpg"
+        cv2.imwrite(str(folder / file), np.full((LENS.height, LENS.width, 3), 120, np.uint8))
+        posed.append(PosedFile(file, T))
+    write_transforms(folder, posed, LENS, None)
+    return folder
 
 
 async def test_a_rendering_is_judged_and_a_flight_replayed(

@@ -14,6 +14,7 @@ import { deleteCapture } from "./api/library";
 import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
 import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
+import { scaleCapture, type KnownLengthWish, type ScaleFound } from "./api/scale";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
 import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
@@ -209,6 +210,18 @@ export class Operator {
       () => startTraining(wish),
       (reason) => words.retrain.failed(reason),
     );
+  }
+
+  /** Set a capture's scale by a known length; null, and an alarm, when it was refused. */
+  async scaleCapture(captureId: string, wish: KnownLengthWish): Promise<ScaleFound | null> {
+    let found: ScaleFound | null = null;
+    await this.#carryOut(
+      async () => {
+        found = await scaleCapture(captureId, wish);
+      },
+      (reason) => words.scale.failed(reason),
+    );
+    return found;
   }
 
   /** End a job; false, and an alarm, when it was not carried out. */

@@ -10,6 +10,7 @@ import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
 import { TrainAnew } from "../retrain/TrainAnew";
+import { KnownLength } from "../scale/KnownLength";
 import { isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
@@ -45,6 +46,9 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
         {files !== null && <Replay files={files} entry={entry} />}
         {!isActiveState(entry.state) && entry.images > 0 && (
           <TrainAnew key={entry.id} captureId={entry.id} />
+        )}
+        {!isActiveState(entry.state) && entry.images > 1 && (
+          <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />
         )}
         {files !== null && <Files files={files} />}
         {!isActiveState(entry.state) && (

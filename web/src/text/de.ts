@@ -593,6 +593,23 @@ export const de: Catalogue = {
     failed: (reason) => `Kein Training begonnen: ${reason}`,
     cancelFailed: (reason) => `Das Training wurde nicht abgebrochen: ${reason}`,
   },
+  scale: {
+    title: "Maßstab aus einer bekannten Länge",
+    hint: "Der Flug kennt seinen Maßstab auf ein, zwei Prozent. Markiere beide Enden von etwas, dessen Länge du kennst, in zwei Bildern von verschiedenen Seiten; alles in dieser Aufnahme wird dann so groß, wie es wirklich ist.",
+    which: "Was der nächste Klick markiert",
+    mark: (end) => `Ende ${end} markieren`,
+    end: (end) => (end === 0 ? "A" : "B"),
+    choose: "Welches Bild",
+    picture: (number) => `Bild ${number}`,
+    keys: "Klicken, oder das Kreuz mit den Pfeiltasten bewegen, mit Umschalt in Sprüngen, und Eingabe drücken.",
+    length: "Abstand der Enden, m",
+    lengthBounds: (most) => `Eine Länge über 0, höchstens ${most} m.`,
+    missing: "Jedes Ende braucht eine Marke in zwei Bildern.",
+    set: "Maßstab setzen",
+    found: (seemed, factor, sigma) =>
+      `Es schien ${seemed} m lang zu sein. Alle Längen wurden mit ${factor} ± ${sigma} malgenommen: Posen, Feld, Netz.`,
+    failed: (reason) => `Der Maßstab bleibt, wie er ist: ${reason}`,
+  },
   setup: {
     unknown: (reason) => `Der Server hat nicht geantwortet: ${reason}`,
     floor: "Aufstellung",

@@ -597,6 +597,23 @@ export const en = {
     failed: (reason: string) => `No training was begun: ${reason}`,
     cancelFailed: (reason: string) => `The training was not cancelled: ${reason}`,
   },
+  scale: {
+    title: "Scale from a known length",
+    hint: "The flight knows its own scale to a per cent or two. Mark both ends of something whose length you know, in two pictures from different sides; everything in this capture then becomes as large as it really is.",
+    which: "What the next click marks",
+    mark: (end: string) => `Mark end ${end}`,
+    end: (end: 0 | 1) => (end === 0 ? "A" : "B"),
+    choose: "Which picture",
+    picture: (number: number) => `Picture ${number}`,
+    keys: "Click, or move the cross with the arrow keys, with Shift in leaps, and press Enter.",
+    length: "Distance of the ends, m",
+    lengthBounds: (most: number) => `A length above 0, at most ${most} m.`,
+    missing: "Each end wants a mark in two pictures.",
+    set: "Set the scale",
+    found: (seemed: string, factor: string, sigma: string) =>
+      `It seemed to be ${seemed} m. All lengths were multiplied by ${factor} ± ${sigma}: poses, field, mesh.`,
+    failed: (reason: string) => `The scale stays as it is: ${reason}`,
+  },
   setup: {
     unknown: (reason: string) => `The server did not answer: ${reason}`,
     floor: "Floor plan",
