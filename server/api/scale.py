@@ -59,25 +59,34 @@ def make_scale_router(mission: MissionControl, book: JobBook) -> APIRouter:
     )
     async def scale_capture(capture_id: str, known: KnownLength) -> ScaleView:
         """Make everything that a finished capture left as large as the known length says."""
-        record = mission.capture(capture_id)
-        if record.status.state in _UNFINISHED:
-            raise RefusedError(f"{capture_id} is {record.status.state}; wait for its end")
-        if any(job.capture == capture_id and job.state in _UNFINISHED for job in book.jobs()):
-            raise RefusedError(f"a training works on {capture_id}; wait for its end or cancel it")
-        ends = _placed(known.ends[0]), _placed(known.ends[1])
-        run = mission.run_folder(capture_id)
-        try:
-            async with lock:
+        async with lock:
+            _refuse_while_busy(mission, book, capture_id)
+            ends = _placed(known.ends[0]), _placed(known.ends[1])
+            run = mission.run_folder(capture_id)
+            try:
                 found = await asyncio.to_thread(
                     scale_by_length, run, ends, known.length_m, known.length_sigma_m
                 )
-        except ScaleUnknownError as error:
-            raise ProblemError(422, str(error)) from error
-        except (OSError, ValueError) as error:
-            raise RefusedError(f"{capture_id} cannot be changed: {error}") from error
+            except ScaleUnknownError as error:
+                raise ProblemError(422, str(error)) from error
+            except (OSError, ValueError) as error:
+                raise RefusedError(f"{capture_id} cannot be changed: {error}") from error
         return ScaleView(factor=found.factor, sigma=found.sigma, measured_m=found.measured_m)
 
     return router
+
+
+def _refuse_while_busy(mission: MissionControl, book: JobBook, capture_id: str) -> None:
+    """Raise RefusedError unless the capture is finished and nobody works, on it or in the air."""
+    state = mission.capture(capture_id).status.state
+    if state != "succeeded":
+        # One that can still be gone on with keeps what it was begun with.
+        raise RefusedError(f"{capture_id} is {state}; only a finished capture can be scaled")
+    for record in mission.captures():
+        if record.status.state in _UNFINISHED:
+            raise RefusedError(f"{record.status.id} is {record.status.state}; wait for its end")
+    if any(job.capture == capture_id and job.state in _UNFINISHED for job in book.jobs()):
+        raise RefusedError(f"a training works on {capture_id}; wait for its end or cancel it")
 
 
 def _placed(end: list[MarkedEnd]) -> list[PlacedMark]:

@@ -109,7 +109,7 @@ def rings_around(box: Box3, config: PlannerConfig) -> Rings:
     )[0][0].position_world
     space = config.space
     own = float(np.hypot(*(standard - box.centre)[:2]))
-    nearest = float(np.hypot(*(box.size[:2] / 2.0))) + space.view_standoff_m
+    nearest = float(np.hypot(*(box.size[:2] / 2.0))) + space.standoff_m
     farthest = max(nearest, min(2.0 * own, space.fence_radius_m))
     radii = np.linspace(nearest, farthest, _RING_RADII)
     heights = np.linspace(space.floor_m, space.ceiling_m, _RING_HEIGHTS)

@@ -77,7 +77,11 @@ class Shot:
 
 
 def shots(model: ObjectModel, seed: int, rooms: int, poses: int) -> Iterator[Shot]:
-    """Yield shots in ``rooms`` random rooms, ``poses`` of each kind in two; one in ten is empty."""
+    """Yield shots in ``rooms`` random rooms; one in ten shows no object.
+
+    In each room ``poses`` shots are from before and just after the seed geometry, in turn, and half
+    as many from later, on the way.
+    """
     rng = np.random.default_rng(seed)
     rng_under_way = np.random.default_rng((seed, 2))
     world = World(model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +19,15 @@ from server.vision.recut import MaskedPicture, recut_masks
 
 Array = NDArray[np.float64]
 
+# Fewer pictures of known poses say too little about each other's masks.
+_LEAST_PICTURES = 4
+
 
 def cut_anew(
     folder: Path,
     posed: Dataset,
     stills: Sequence[FlightPicture],
+    refined: NDArray[np.bool_],
     sigma_m: Array,
     sigma_rad: Array,
     on_progress: Callable[[float], None],
@@ -33,6 +38,7 @@ def cut_anew(
         folder: The run folder.
         posed: Its pictures at full size, with refined poses.
         stills: The same pictures as the flight listed them.
+        refined: Which poses are known that well ``(n,)``; the masks of the others stay.
         sigma_m: How well each position is known ``(n,)``.
         sigma_rad: How well each rotation is known ``(n,)``.
         on_progress: Told the share that is done.
@@ -40,38 +46,41 @@ def cut_anew(
     Returns:
         The dataset with the new masks, and their files relative to the folder, None for none.
     """
+    masks, files = list(posed.masks), [still.mask for still in stills]
+    known = np.flatnonzero(refined).tolist()
+    if len(known) < _LEAST_PICTURES:
+        return posed, files
     pictures = [
         MaskedPicture(
-            np.ascontiguousarray(image[:, :, ::-1]),
-            mask,
-            CameraPose(still.drone_id, still.at_s, T, np.diag([m**2] * 3 + [rad**2])),
-            camera,
+            np.ascontiguousarray(posed.images[k][:, :, ::-1]),
+            posed.masks[k],
+            CameraPose(
+                stills[k].drone_id,
+                stills[k].at_s,
+                posed.T_world_cam[k],
+                np.diag([sigma_m[k] ** 2] * 3 + [sigma_rad[k] ** 2]),
+            ),
+            posed.intrinsics[k],
         )
-        for still, image, mask, T, camera, m, rad in zip(
-            stills,
-            posed.images,
-            posed.masks,
-            posed.T_world_cam,
-            posed.intrinsics,
-            sigma_m,
-            sigma_rad,
-            strict=True,
-        )
+        for k in known
     ]
-    masks = recut_masks(pictures, RegionConfig(), SeedConfig(), on_progress)
-    files: list[str | None] = []
-    for still, mask in zip(stills, masks, strict=True):
-        file = None if mask is None else f"masks/{Path(still.file).stem}.png"
-        files.append(file)
-        if mask is not None and file is not None:
-            _write_mask(folder / file, mask)
+    anew = recut_masks(pictures, RegionConfig(), SeedConfig(), on_progress)
+    for k, mask in zip(known, anew, strict=True):
+        if mask is not None:
+            masks[k], files[k] = mask, f"masks/{Path(stills[k].file).stem}.png"
+            _write_mask(folder / f"masks/{Path(stills[k].file).stem}.png", mask)
     return replace(posed, masks=tuple(masks)), files
 
 
 def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
     """Write it so that it is complete or untouched."""
     path.parent.mkdir(exist_ok=True)
-    _, png = cv2.imencode(".png", mask.astype(np.uint8) * 255)
+    made, png = cv2.imencode(".png", mask.astype(np.uint8) * 255)
+    if not made:
+        raise OSError(f"{path} could not be encoded")
     draft = path.with_name(path.name + ".part")
-    draft.write_bytes(png.tobytes())
+    with draft.open("wb") as stream:
+        stream.write(png.tobytes())
+        stream.flush()
+        os.fsync(stream.fileno())
     draft.replace(path)

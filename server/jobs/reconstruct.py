@@ -326,15 +326,13 @@ def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses
     sigma_m, sigma_rad = poses.sigma_m[stills], poses.sigma_rad[stills]
     cameras = tuple(camera for camera, p in zip(poses.intrinsics, flown, strict=True) if p.still)
     posed = replace(before, T_world_cam=T_world_cam, intrinsics=cameras)
-    posed, masks = cut_anew(
-        folder,
-        posed,
-        listed,
-        sigma_m,
-        sigma_rad,
-        tell_share(reporter, "masks", len(listed)),
-    )
-    _go_on(reporter)
+    tell_masks = tell_share(reporter, "masks", len(listed))
+
+    def on_mask(share: float) -> None:
+        _go_on(reporter)
+        tell_masks(share)
+
+    posed, masks = cut_anew(folder, posed, listed, refined, sigma_m, sigma_rad, on_mask)
     object_box = before.object_box
     if object_box is not None:
         # It was found with the flight's poses, which the refined ones do not agree with entirely.

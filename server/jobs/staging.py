@@ -8,7 +8,8 @@ from pathlib import Path
 
 from fsspec.core import url_to_fs
 
-# What no reconstruction reads; a recording alone may have gigabytes.
+# What no reconstruction reads; a recording alone may have gigabytes, and hidden files are not ours
+# to send.
 _STAYS = frozenset({"jobs", "recording.mcap", "log.jsonl"})
 
 
@@ -60,7 +61,7 @@ class Staging:
         """Fetch all, or the file ``only``, into ``folder``; raises OSError if that fails."""
         for path in self._fs.find(self._root) if only is None else [f"{self._root}/{only}"]:
             name = path[len(self._root) :].lstrip("/")
-            if name.endswith(".part"):
+            if name.endswith(".part") or name.startswith("."):
                 continue
             target = folder / name
             if not target.resolve().is_relative_to(folder.resolve()):
@@ -84,7 +85,7 @@ def _marks(folder: Path) -> dict[str, tuple[int, int]]:
             folders[:] = [name for name in folders if name not in _STAYS]
             names = [name for name in names if name not in _STAYS]
         for name in names:
-            if name.endswith(".part"):
+            if name.endswith(".part") or name.startswith("."):
                 continue
             path = Path(inside) / name
             with contextlib.suppress(FileNotFoundError):  # It was renamed meanwhile.

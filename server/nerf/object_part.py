@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 # Air around the box, as a share of its size.
 _AIR = 0.05
-# What is no higher above the floor is the floor: its texture is as thick as that in a field.
+# What is no higher above the floor, or no higher than a cell, is the floor: its texture is as thick
+# as that in a field.
 _FLOOR_M = 0.015
 # A mask that follows the object loosely must not cut into it: so much of the picture it is grown
 # by, and more than this share of the masks that see a place must say that it is beside the object.

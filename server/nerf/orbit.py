@@ -18,8 +18,8 @@ from server.nerf.training import Trainer
 
 # Pictures of the whole circle: four seconds.
 FRAMES = 60
-# Films are looked at twice: rendered a little finer than a preview.
-_ROOM_SAMPLES_PER_RAY = 24
+# Pictures of a room take no harm from fewer samples than training has.
+_ROOM_SAMPLES_PER_RAY = 12
 # The object alone lies in a short stretch of each ray.
 _OBJECT_SAMPLES_PER_RAY = 8
 # The cells that keep floor and room out of the film of an object.

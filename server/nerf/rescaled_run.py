@@ -1,14 +1,15 @@
-"""A finished run made larger or smaller: everything in it that is measured in metres.
+"""Finished runs made larger or smaller: everything in them that is measured in metres.
 
-Poses, the object's box, the points that were seen, the field's own cube and the mesh; not the
-recording and not what the flight believed, which stay as they were.
+Poses, the object's box, the points that were seen, the field's own cube and the mesh. The recording
+and what the flight believed stay as they were, and so do files that were exported before.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,7 +18,7 @@ import numpy as np
 import trimesh
 
 from server.nerf.sightings import FILE as SIGHTINGS
-from server.nerf.sightings import read_sightings, write_sightings
+from server.nerf.sightings import draft_sightings, read_sightings
 
 SCALE = "scale.json"
 _TRANSFORMS, _POSES, _CHECKPOINT, _MESH = (
@@ -27,54 +28,64 @@ _TRANSFORMS, _POSES, _CHECKPOINT, _MESH = (
     "mesh.glb",
 )
 
+_Make = Callable[[BinaryIO], None]
 
-def rescale_run(run: Path, factor: float, about: dict[str, Any]) -> None:
-    """Multiply all lengths of a run folder by ``factor`` and note it in ``scale.json``.
 
-    Drafts of all files are written before the first takes its place, so a full disk changes
-    nothing. Files that a run lacks are left out.
+def rescale_runs(runs: Sequence[Path], factor: float, about: dict[str, Any]) -> None:
+    """Multiply all lengths of some run folders by ``factor`` and note it in their ``scale.json``.
+
+    Drafts of all files of all runs are written before the first takes its place: a full disk or a
+    damaged file changes nothing. Files that a run lacks are left out.
 
     Args:
-        run: The run folder.
+        runs: The run folders.
         factor: Old metres times this are new ones.
         about: What else to note.
 
     Raises:
         OSError: If a file cannot be read or written.
-        ValueError: If one makes no sense; nothing is changed then.
+        ValueError: If one makes no sense; the message names it.
     """
     if not (np.isfinite(factor) and factor > 0.0):
         raise ValueError(f"a scale must be positive, not {factor}")
-    makers: list[tuple[str, Callable[[BinaryIO], None]]] = []
-    # The poses come last: whatever takes its place before them fits either.
-    if (run / _MESH).is_file():
-        makers.append((_MESH, lambda stream: _scaled_mesh(run / _MESH, factor, stream)))
-    if (run / _CHECKPOINT).is_file():
-        makers.append(
-            (_CHECKPOINT, lambda stream: _scaled_field(run / _CHECKPOINT, factor, stream))
-        )
-    if (run / _POSES).is_file():
-        makers.append((_POSES, _as_json(_scaled_sigmas(_read(run / _POSES), factor))))
-    makers.append((SCALE, _as_json({"factor": _factor_so_far(run) * factor, **about})))
-    if (run / _TRANSFORMS).is_file():
-        makers.append((_TRANSFORMS, _as_json(_scaled_poses(_read(run / _TRANSFORMS), factor))))
     drafts: list[Path] = []
     try:
-        for name, make in makers:
-            draft = run / f"{name}.part"
-            drafts.append(draft)
-            with draft.open("wb") as stream:
-                make(stream)
-                stream.flush()
-                os.fsync(stream.fileno())
-        if (run / SIGHTINGS).is_file():
-            seen = read_sightings(run)
-            write_sightings(run, replace(seen, points_world=factor * seen.points_world))
-        for (name, _), draft in zip(makers, drafts, strict=True):
-            draft.replace(run / name)
+        for run in runs:
+            for file, make in _makers(run, factor, about):
+                draft = file.with_name(file.name + ".part")
+                drafts.append(draft)
+                with draft.open("wb") as stream:
+                    _made(file, make, stream)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+        for draft in drafts:
+            draft.replace(draft.with_suffix(""))
     finally:
         for draft in drafts:
             draft.unlink(missing_ok=True)
+
+
+def _made(file: Path, make: _Make, stream: BinaryIO) -> None:
+    try:
+        make(stream)
+    except (EOFError, KeyError, TypeError, AttributeError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{file} makes no sense: {error}") from error
+
+
+def _makers(run: Path, factor: float, about: dict[str, Any]) -> Iterator[tuple[Path, _Make]]:
+    """Yield each file of a run that has metres in it, with what writes it anew."""
+    scaled: dict[str, Callable[[Path, float, BinaryIO], None]] = {
+        _MESH: _scaled_mesh,
+        _CHECKPOINT: _scaled_field,
+        SIGHTINGS: _scaled_sightings,
+        _POSES: _scaled_sigmas,
+        _TRANSFORMS: _scaled_poses,
+    }
+    for name, write in scaled.items():
+        file = run / name
+        if file.is_file():
+            yield file, lambda stream, file=file, write=write: write(file, factor, stream)
+    yield run / SCALE, lambda stream: _noted(run / SCALE, factor, about, stream)
 
 
 def runs_trained_on(run: Path) -> list[Path]:
@@ -90,11 +101,13 @@ def runs_trained_on(run: Path) -> list[Path]:
     return found
 
 
-def _factor_so_far(run: Path) -> float:
-    return float(_read(run / SCALE)["factor"]) if (run / SCALE).is_file() else 1.0
+def _noted(path: Path, factor: float, about: dict[str, Any], stream: BinaryIO) -> None:
+    before = float(_read(path)["factor"]) if path.is_file() else 1.0
+    _write_json({"factor": before * factor, **about}, stream)
 
 
-def _scaled_poses(description: dict[str, Any], factor: float) -> dict[str, Any]:
+def _scaled_poses(path: Path, factor: float, stream: BinaryIO) -> None:
+    description = _read(path)
     for frame in description["frames"]:
         T = np.array(frame["transform_matrix"], float)
         T[:3, 3] *= factor
@@ -103,13 +116,19 @@ def _scaled_poses(description: dict[str, Any], factor: float) -> dict[str, Any]:
         description["object_box"] = (factor * np.array(description["object_box"], float)).tolist()
     if description.get("floor_z") is not None:
         description["floor_z"] = factor * float(description["floor_z"])
-    return description
+    _write_json(description, stream)
 
 
-def _scaled_sigmas(about: dict[str, Any], factor: float) -> dict[str, Any]:
-    for picture in about.get("pictures", []):
+def _scaled_sigmas(path: Path, factor: float, stream: BinaryIO) -> None:
+    about = _read(path)
+    for picture in about["pictures"]:
         picture["sigma_m"] = round(factor * float(picture["sigma_m"]), 5)
-    return about
+    _write_json(about, stream)
+
+
+def _scaled_sightings(path: Path, factor: float, stream: BinaryIO) -> None:
+    seen = read_sightings(path.parent)
+    draft_sightings(replace(seen, points_world=factor * seen.points_world), stream)
 
 
 def _scaled_field(path: Path, factor: float, stream: BinaryIO) -> None:
@@ -125,25 +144,20 @@ def _scaled_field(path: Path, factor: float, stream: BinaryIO) -> None:
 
 def _scaled_mesh(path: Path, factor: float, stream: BinaryIO) -> None:
     mesh = trimesh.load(path, force="mesh")
-    assert isinstance(mesh, trimesh.Trimesh)
+    if not isinstance(mesh, trimesh.Trimesh):
+        raise ValueError("it holds no triangles")
     mesh.apply_scale(factor)
-    stream.write(mesh.export(file_type="glb"))
+    data = mesh.export(file_type="glb")
+    assert isinstance(data, bytes)
+    stream.write(data)
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        about = json.loads(path.read_text())
-    except ValueError as error:
-        raise ValueError(f"{path} is not readable JSON: {error}") from error
+    about = json.loads(path.read_text())
     if not isinstance(about, dict):
-        raise ValueError(f"{path} is not a JSON object")
+        raise ValueError("it is not a JSON object")
     return about
 
 
-def _as_json(about: dict[str, Any]) -> Callable[[BinaryIO], None]:
-    data = json.dumps(about, indent=1).encode()
-
-    def write(stream: BinaryIO) -> None:
-        stream.write(data)
-
-    return write
+def _write_json(about: dict[str, Any], stream: BinaryIO) -> None:
+    stream.write(json.dumps(about, indent=1).encode())

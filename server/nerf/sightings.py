@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import os
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,16 +91,21 @@ def write_sightings(folder: Path, sightings: Sightings) -> None:
     target = folder / FILE
     draft = folder / (FILE + ".part")
     with draft.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            points_world=sightings.points_world.astype(np.float32),
-            pictures=sightings.pictures.astype(np.int32),
-            points=sightings.points.astype(np.int32),
-            pixels=sightings.pixels.astype(np.float32),
-        )
+        draft_sightings(sightings, stream)
         stream.flush()
         os.fsync(stream.fileno())
     draft.replace(target)
+
+
+def draft_sightings(sightings: Sightings, stream: BinaryIO) -> None:
+    """Write the content of such a file."""
+    np.savez_compressed(
+        stream,
+        points_world=sightings.points_world.astype(np.float32),
+        pictures=sightings.pictures.astype(np.int32),
+        points=sightings.points.astype(np.int32),
+        pixels=sightings.pixels.astype(np.float32),
+    )
 
 
 def read_sightings(folder: Path) -> Sightings:
@@ -118,7 +125,7 @@ def read_sightings(folder: Path) -> Sightings:
                 stored["points"].astype(np.int64),
                 stored["pixels"].astype(np.float64),
             )
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path} is not readable: {error}") from error
     count = len(found.pictures)
     whole = (
@@ -126,10 +133,11 @@ def read_sightings(folder: Path) -> Sightings:
         and found.points_world.shape[1] == 3
         and found.points.shape == (count,)
         and found.pixels.shape == (count, 2)
+        and np.all(np.diff(found.pictures) >= 0)
         and np.all((found.points >= 0) & (found.points < len(found.points_world)))
     )
     if not whole:
-        raise ValueError(f"{path} holds sightings of points that it lacks")
+        raise ValueError(f"{path} is no list of sightings")
     return found
 
 

@@ -52,33 +52,24 @@ def generate_candidates(
     Raises:
         PlanError: If no pose is left; the text names the constraint that ruled out the last ones.
     """
-    space = config.space
-    near = _enough(seed, intrinsics, tilt_rad, config, obstacles, space.standoff_m)
-    if space.view_standoff_m <= space.standoff_m:
-        return near
-    try:
-        far = _enough(seed, intrinsics, tilt_rad, config, obstacles, space.view_standoff_m)
-    except PlanError:
-        return near
-    return far if 2 * len(far) >= len(near) else near
-
-
-def _enough(
-    seed: SeedGeometry,
-    intrinsics: Intrinsics,
-    tilt_rad: float,
-    config: PlannerConfig,
-    obstacles: Sequence[Box3],
-    standoff_m: float,
-) -> tuple[Viewpoint, ...]:
-    """Return the feasible poses, so densely that there are enough of them."""
-    found: tuple[Viewpoint, ...] = ()
-    for doublings in range(4):
-        azimuths = config.candidates.azimuths * 2**doublings
-        found = _feasible(seed, intrinsics, tilt_rad, config, obstacles, azimuths, standoff_m)
-        if len(found) >= config.candidates.minimum:
+    space, azimuths = config.space, config.candidates.azimuths
+    near = _feasible(seed, intrinsics, tilt_rad, config, obstacles, azimuths, space.standoff_m)
+    standoff_m = space.standoff_m
+    if space.view_standoff_m > space.standoff_m:
+        try:
+            far = _feasible(
+                seed, intrinsics, tilt_rad, config, obstacles, azimuths, space.view_standoff_m
+            )
+        except PlanError:
+            far = ()
+        if 2 * len(far) >= len(near):
+            near, standoff_m = far, space.view_standoff_m
+    for doublings in range(1, 4):
+        if len(near) >= config.candidates.minimum:
             break
-    return found
+        azimuths = config.candidates.azimuths * 2**doublings
+        near = _feasible(seed, intrinsics, tilt_rad, config, obstacles, azimuths, standoff_m)
+    return near
 
 
 def whole_in_view(

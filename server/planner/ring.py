@@ -161,7 +161,9 @@ def _ring_radius(
     if drones > 1:
         nearest = max(nearest, space.separation_m / (2.0 * np.sin(np.pi / drones)))
     farthest = space.fence_radius_m - float(np.hypot(*target.centre[:2]))
-    nearest = max(nearest, min(reach + space.view_standoff_m, farthest))
+    if reach + space.view_standoff_m <= farthest - config.candidates.off_fence_m:
+        # Drones creep nearer to the object, and to the fence as well.
+        nearest = max(nearest, reach + space.view_standoff_m)
     if nearest > farthest:
         raise PlanError(
             f"the ring does not fit: standoff and separation need {nearest:.2f} m from the "

@@ -33,15 +33,16 @@ class ReservedFile:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._reserve = _beside(path)
         try:
-            reserve = os.open(self._reserve, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC)
+            reserve = os.open(
+                self._reserve, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600
+            )
             try:
                 os.posix_fallocate(reserve, 0, reserve_bytes)
             finally:
                 os.close(reserve)
-        except OSError:
-            os.close(self._fd)
+        except BaseException:
+            self.close()
             path.unlink()
-            self._reserve.unlink(missing_ok=True)
             raise
 
     def fileno(self) -> int:
@@ -75,8 +76,10 @@ class ReservedFile:
 
     def close(self) -> None:
         """Close the file and free what is still set aside."""
-        os.close(self._fd)
-        self._reserve.unlink(missing_ok=True)
+        try:
+            os.close(self._fd)
+        finally:
+            self._reserve.unlink(missing_ok=True)
 
 
 def forget_reserve(path: Path) -> None:

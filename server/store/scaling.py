@@ -10,7 +10,7 @@ import numpy as np
 
 from server.nerf.dataset import load_dataset
 from server.nerf.pose_scale import KnownScale, Mark, scale_from_length
-from server.nerf.rescaled_run import rescale_run, runs_trained_on
+from server.nerf.rescaled_run import rescale_runs, runs_trained_on
 
 # Number of the picture, and x and y in its pixels.
 PlacedMark = tuple[int, float, float]
@@ -37,7 +37,8 @@ def scale_by_length(
     Raises:
         ScaleUnknownError: If the marks tell no scale; nothing is changed.
         DatasetError: If the run has no pictures with poses.
-        OSError: If a file cannot be changed.
+        OSError: If a file cannot be changed; nothing is changed then.
+        ValueError: If one is damaged; nothing is changed then.
     """
     seen = load_dataset(run, downscale=1)
     for picture, _, _ in (*ends[0], *ends[1]):
@@ -60,6 +61,5 @@ def scale_by_length(
         "length_m": length_m,
         "at": datetime.now(UTC).isoformat(),
     }
-    for each in (*runs_trained_on(run), run):
-        rescale_run(each, found.factor, about)
+    rescale_runs((*runs_trained_on(run), run), found.factor, about)
     return found

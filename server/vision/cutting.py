@@ -31,7 +31,7 @@ def fitted_outline(
     evidence: Array32,
     expected: Mask,
     sigma: float,
-    foot_rows: tuple[float, float] = (-np.inf, np.inf),
+    feet: tuple[float, float] = (-np.inf, np.inf),
 ) -> tuple[Mask, float]:
     """Return the expected outline moved to where it stands out most, and the share covered.
 
@@ -42,7 +42,7 @@ def fitted_outline(
         evidence: Evidence against the background ``(h, w)``.
         expected: Expected outline, filled ``(h, w)``.
         sigma: How wrong its place may be, working pixels.
-        foot_rows: Uppermost and lowest row at which its foot can stand, working pixels.
+        feet: Uppermost and lowest row at which its foot can stand, working pixels.
     """
     height, width = expected.shape
     half = (width // 2, height // 2)
@@ -51,9 +51,13 @@ def fitted_outline(
     ys, xs = np.nonzero(expected)
     left, top, right, bottom = xs.min() // 2, ys.min() // 2, xs.max() // 2 + 1, ys.max() // 2 + 1
     small = cv2.resize(expected.astype(np.float32), half, interpolation=cv2.INTER_AREA)
-    template = _against_surroundings(np.asarray(small[top:bottom, left:right], np.float32))
+    shape = np.asarray(small[top:bottom, left:right], np.float32)
+    # Half pixels of an odd picture's last row and column are not there.
+    bottom, right = top + shape.shape[0], left + shape.shape[1]
+    band = max(2, round(_BAND_SHARE * float(np.sqrt(shape.sum()))))
+    template = _against_surroundings(shape, band)
     reach = int(np.ceil(1.25 * sigma))
-    margin = reach + (len(template) - (bottom - top)) // 2
+    margin = reach + band
     padded = cv2.copyMakeBorder(
         speaks, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=0.0
     )
@@ -62,7 +66,7 @@ def fitted_outline(
     dy, dx = np.mgrid[-reach : reach + 1, -reach : reach + 1][:, : fit.shape[0], : fit.shape[1]]
     off = (dx**2 + dy**2) * (2.0 / sigma) ** 2
     foot = float(ys.max()) + 2.0 * dy
-    misses = np.maximum(foot_rows[0] - foot, 0.0) + np.maximum(foot - foot_rows[1], 0.0)
+    misses = np.maximum(feet[0] - foot, 0.0) + np.maximum(foot - feet[1], 0.0)
     fit = fit - _MOVE_COST * off - _FOOT_COST * misses
     best = np.unravel_index(int(np.argmax(fit)), fit.shape)
     move = np.array([[1.0, 0.0, 2.0 * dx[best]], [0.0, 1.0, 2.0 * dy[best]]])
@@ -71,9 +75,8 @@ def fitted_outline(
     return moved, covered
 
 
-def _against_surroundings(shape: Array32) -> Array32:
+def _against_surroundings(shape: Array32, band: int) -> Array32:
     """Return the template whose sum of products is the mean inside less a share of that around."""
-    band = max(2, round(_BAND_SHARE * float(np.sqrt(shape.sum()))))
     inner = cv2.copyMakeBorder(shape, band, band, band, band, cv2.BORDER_CONSTANT, value=0.0)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
     around = cv2.dilate(inner, disc) - inner

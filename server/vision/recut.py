@@ -58,7 +58,7 @@ def recut_masks(
     seed: SeedConfig,
     on_progress: Callable[[float], None],
 ) -> list[Mask | None]:
-    """Return a mask ``(h, w)`` for each of ``pictures``, None where the object is not seen.
+    """Return a mask ``(h, w)`` for each of ``pictures``; one that is not found anew stays.
 
     Pictures whose masks have nothing in common keep those they have.
 
@@ -69,6 +69,7 @@ def recut_masks(
         on_progress: Told the share that is done.
     """
     regions = [_coarse(picture) for picture in pictures]
+    anew: list[Region | None] = [None] * len(pictures)
     for turn, scale in enumerate(_WORK_SCALES):
         try:
             geometry = seed_from_views(_views(pictures, regions), seed)
@@ -77,13 +78,14 @@ def recut_masks(
         finer = replace(region, work_scale=scale)
         for k, picture in enumerate(pictures):
             found = _search(picture, geometry, finer)
-            regions[k] = regions[k] if found is None else found
+            if found is not None:
+                regions[k] = anew[k] = found
             on_progress((turn + (k + 1) / len(pictures)) / len(_WORK_SCALES))
     return [
-        None
+        picture.mask
         if each is None
         else full_mask(each, picture.intrinsics.width, picture.intrinsics.height)
-        for each, picture in zip(regions, pictures, strict=True)
+        for each, picture in zip(anew, pictures, strict=True)
     ]
 
 

@@ -83,22 +83,32 @@ async def test_what_tells_no_scale_is_named(console: Console) -> None:
     np.testing.assert_allclose(load_dataset(folder).T_world_cam[0], POSES[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("state", ["running", "paused", "aborted", "interrupted", "failed"])
+async def test_only_a_finished_capture_is_scaled(console: Console, state: str) -> None:
+    keep_run(console, state)
+    answer = await ask(console)
+    is_problem(answer, 409)
+    assert state in answer.json()["detail"]
+    async with console.client() as client:
+        wish = {"length_m": 0.5, "ends": marks()}
+        is_problem(await client.post("/api/v1/captures/none/scale", json=wish), 404)
+
+
 async def test_nothing_is_scaled_while_anything_works_on_it(console: Console) -> None:
-    keep_run(console, "running")
-    is_problem(await ask(console), 409)
     keep_run(console)
+    console.mission.keep(capture_changed("run-2", "running"))
+    is_problem(await ask(console), 409)  # Drones are in the air.
+    console.mission.keep(capture_changed("run-2", "succeeded"))
     async with console.client() as client:
         await client.post("/api/v1/reconstructions", json={"capture": "run-1"})
         await until(lambda: len(runner_of(console).jobs) == 1)
-        answer = await ask(console)
-        is_problem(answer, 409)
-        assert "training" in answer.json()["detail"]
-        is_problem(await client.post("/api/v1/captures/none/scale", json={}), 422)
-    (console.mission.run_folder("run-1") / "transforms.json").unlink()
+    answer = await ask(console)
+    is_problem(answer, 409)
+    assert "training" in answer.json()["detail"]
 
 
 async def test_a_run_without_poses_has_no_scale(console: Console) -> None:
-    console.mission.keep(capture_changed("run-1", "failed"))
+    console.mission.keep(capture_changed("run-1", "succeeded"))
     console.mission.run_folder("run-1").mkdir(parents=True, exist_ok=True)
     answer = await ask(console)
     is_problem(answer, 409)

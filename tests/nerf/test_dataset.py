@@ -48,6 +48,19 @@ def test_what_is_written_is_read_back(folder):
     assert not list(folder.glob("*.part"))
 
 
+@pytest.mark.parametrize("floor_z", [None, 0.0, -0.25])
+def test_the_floor_s_height_is_kept(folder, floor_z):
+    files = [PosedFile(f"{k}.png", T) for k, T in enumerate(POSES)]
+    write_transforms(folder, files, CAMERA, None, floor_z)
+    assert load_dataset(folder).floor_z == floor_z
+
+
+def test_a_floor_that_is_no_height_is_named(folder):
+    edit(folder, _set("floor_z", "low"))
+    with pytest.raises(DatasetError, match="floor_z"):
+        load_dataset(folder)
+
+
 def sightings_of(points):
     """Where ``points`` (m, 3) appear in the three pictures."""
     pixels = np.concatenate([CAMERA.project(points, T)[0] for T in POSES])

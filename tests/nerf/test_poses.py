@@ -93,7 +93,11 @@ def test_poses_of_a_textured_room_are_recovered(flight: Flight, tmp_path: Path) 
     up = result.T_world_cam[:, 2, 1] - flight.T_true[:, 2, 1]
     assert np.abs(up).max() < 0.02
     assert result.reprojection_rms_px < 1.0
+    assert result.floor_z == 0.0
     seen = result.sightings
+    # The floor's points lie on it although the beliefs are centimetres off.
+    heights = seen.points_world[:, 2]
+    assert abs(float(np.median(heights[np.abs(heights) < 0.05]))) < 0.005
     assert len(seen.points_world) > 500
     for k, (T, camera) in enumerate(zip(result.T_world_cam, result.intrinsics, strict=True)):
         rows = seen.pictures == k

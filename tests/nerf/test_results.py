@@ -23,7 +23,7 @@ from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import load_dataset
 from server.nerf.exports import write_colmap, write_mesh, write_points
 from server.nerf.hull import box_of_masks
-from server.nerf.object_part import on_object
+from server.nerf.object_part import object_part, on_object
 from server.nerf.orbit import render_orbit
 from server.nerf.saved_run import SavedRunError, open_dataset, open_field
 from server.nerf.surface import NoSurfaceError, Surface, extract_surface
@@ -214,6 +214,16 @@ def test_what_is_rendered_of_a_part_lies_in_it(field: Trainer) -> None:
     )
     everywhere = replace(part, cells=np.zeros_like(part.cells))
     assert field.render(camera, pose, only=everywhere).opacity.max() == 0.0
+
+
+@pytest.mark.parametrize("floor_z", [0.1, 0.3])
+def test_what_lies_on_the_floor_is_no_part_of_the_object(field: Trainer, floor_z: float) -> None:
+    def lowest_m(height: float | None) -> float:
+        dataset = replace(field.dataset, floor_z=height)
+        return float(object_part(dataset, field.space, CELLS, 32).points()[:, 2].min())
+
+    assert lowest_m(None) < 0.1
+    assert lowest_m(floor_z) >= floor_z + 0.01
 
 
 def test_what_the_memory_calls_occupied_is_where_the_object_is(field: Trainer) -> None:

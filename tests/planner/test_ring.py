@@ -50,6 +50,21 @@ def test_a_small_object_is_not_approached_nearer_than_the_standoff() -> None:
         )
 
 
+def test_a_tight_fence_keeps_the_ring_off_it_rather_than_off_the_object() -> None:
+    tiny = Box3(np.array([-0.02, -0.02, 0.4]), np.array([0.02, 0.02, 0.44]))
+
+    def radius_m(fence_m: float) -> float:
+        config = PlannerConfig(space=FlightSpace(fence_radius_m=fence_m))
+        return float(np.hypot(*ring(tiny, config=config)[0][0].position_world[:2]))
+
+    space, off_m = CONFIG.space, CONFIG.candidates.off_fence_m
+    assert radius_m(4.0) >= space.view_standoff_m
+    nearest_m = float(np.hypot(0.02, 0.02)) + space.standoff_m
+    for fence_m in (1.1, 1.2, 1.3, 1.45):
+        assert radius_m(fence_m) == pytest.approx(nearest_m, abs=0.01)
+    assert radius_m(2.0) < 2.0 - off_m
+
+
 def test_many_drones_keep_their_separation_on_the_ring() -> None:
     small = Box3(np.array([-0.1, -0.1, 0.3]), np.array([0.1, 0.1, 0.5]))
     positions = np.array([v.position_world for v in ring(small, 8, 3)[0]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -50,7 +51,8 @@ def test_the_script_of_the_readme_ends_with_a_mesh(tmp_path: Path) -> None:
         try:
             code = shell.wait(timeout=800.0)
         finally:
-            os.killpg(shell.pid, signal.SIGTERM)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(shell.pid, signal.SIGTERM)
         said, told = (tmp_path / "out").read_text(), (tmp_path / "err").read_text()
     assert code == 0, told[-3000:]
     assert '"state":"succeeded"' in told

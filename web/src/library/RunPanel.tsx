@@ -47,7 +47,7 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
         {!isActiveState(entry.state) && entry.images > 0 && (
           <TrainAnew key={entry.id} captureId={entry.id} />
         )}
-        {!isActiveState(entry.state) && entry.images > 1 && (
+        {entry.state === "succeeded" && entry.images > 1 && (
           <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />
         )}
         {files !== null && <Files files={files} />}

@@ -69,7 +69,10 @@ export function KnownLength({ captureId, pictures }: KnownLengthProps) {
               value={picture}
               onChange={(event) => {
                 const chosen = Number(event.target.value);
-                setShown(shown.map((each, k) => (k === place ? chosen : each)));
+                const now = shown.map((each, k) => (k === place ? chosen : each));
+                setShown(now);
+                // What is not to be seen any more must not count unseen.
+                setMarks(marks.filter((mark) => now.includes(mark.picture)));
               }}
             >
               {Array.from({ length: pictures }, (_, each) => (

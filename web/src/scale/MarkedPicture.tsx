@@ -1,4 +1,4 @@
-import { useState, type KeyboardEvent, type PointerEvent } from "react";
+import { useState, type KeyboardEvent, type MouseEvent } from "react";
 import { artifactUrl, pictureFile } from "../api/library";
 import { words } from "../text/words";
 import { placeInPicture, within, type End, type Mark, type Place } from "./marks";
@@ -21,7 +21,7 @@ export function MarkedPicture({ captureId, picture, marks, end, onMark }: Marked
   const [whole, setWhole] = useState({ width: 960, height: 720 });
   const [cursor, setCursor] = useState<Place | null>(null);
   const text = words.scale;
-  const point = (event: PointerEvent<HTMLDivElement>) => {
+  const point = (event: MouseEvent<HTMLDivElement>) => {
     const shown = event.currentTarget.getBoundingClientRect();
     onMark(placeInPicture(event.clientX - shown.left, event.clientY - shown.top, shown, whole));
     setCursor(null);
@@ -32,8 +32,8 @@ export function MarkedPicture({ captureId, picture, marks, end, onMark }: Marked
     const step = event.shiftKey ? LEAP : STEP;
     const move = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] }[event.key];
     if (move !== undefined) setCursor(within({ x: at.x + (move[0] ?? 0), y: at.y + (move[1] ?? 0) }, whole));
-    else if (event.key === "Enter") {
-      onMark(at);
+    else if (event.key === "Enter" && cursor !== null) {
+      onMark(cursor);
       setCursor(null);
     }
     else return;
@@ -47,7 +47,7 @@ export function MarkedPicture({ captureId, picture, marks, end, onMark }: Marked
       aria-label={text.picture(picture + 1)}
       aria-description={text.keys}
       data-testid={`mark-picture-${picture}`}
-      onPointerDown={point}
+      onClick={point}
       onKeyDown={press}
     >
       <img
