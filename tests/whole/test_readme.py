@@ -19,7 +19,7 @@ README = Path(__file__).parents[2] / "README.md"
 
 
 def script(port: int, runs: Path) -> str:
-    """The README's block for ``curl``, on a free port, with fewer pictures and less training."""
+    """The README's block for ``curl``, on a free port, with fewer pictures."""
     section = README.read_text().split("## From a script")[1]
     block = re.search(r"```sh\n(.*?)```", section, re.DOTALL)
     assert block is not None
@@ -29,7 +29,6 @@ def script(port: int, runs: Path) -> str:
         ("dronerf serve", f"{' '.join(COMMAND)} serve --port {port} --runs {runs}"),
         ("127.0.0.1:8000", f"127.0.0.1:{port}"),
         ('"pictures": 24', '"pictures": 8'),
-        ('"train_seconds": 60', '"train_seconds": 20'),
     ):
         assert text.count(old) == 1, old
         text = text.replace(old, new)
@@ -54,8 +53,14 @@ def test_the_script_of_the_readme_ends_with_a_mesh(tmp_path: Path) -> None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(shell.pid, signal.SIGTERM)
         said, told = (tmp_path / "out").read_text(), (tmp_path / "err").read_text()
+    assert '"state":"succeeded"' in told, told[-3000:]
+    (about,) = (tmp_path / "runs").glob("*/metrics.json")
+    missing = json.loads(about.read_text())["missing"]
+    if missing is not None:
+        # As the README has it, the script then ends with curl's refusal.
+        assert code != 0
+        pytest.skip(f"this machine trained too little in a minute: {missing}")
     assert code == 0, told[-3000:]
-    assert '"state":"succeeded"' in told
     assert (tmp_path / "mesh.glb").read_bytes()[:4] == b"glTF"
     metrics = next(json.loads(line) for line in said.splitlines() if '"psnr_db"' in line)
     assert metrics["psnr_db"] > 10.0
