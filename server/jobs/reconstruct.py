@@ -237,7 +237,7 @@ def _write_whole(file: Path, about: dict[str, Any]) -> None:
 def _trainer(
     dataset: Dataset, held_out: list[int], wanted: ReconstructInput, spec: JobSpec
 ) -> Trainer:
-    field, train = suited_configs(cut_out=dataset.cut_out)
+    field, train = suited_configs(cut_out=dataset.cut_out, distances_known=dataset.distances_known)
     return Trainer(
         dataset,
         field,

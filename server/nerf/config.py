@@ -173,13 +173,20 @@ class TrainConfig:
         _require(8 <= self.memory_cells <= 256, "memory_cells", "8 to 256")
 
 
-def suited_configs(*, cut_out: bool) -> tuple[FieldConfig, TrainConfig]:
+def suited_configs(
+    *, cut_out: bool, distances_known: bool = False
+) -> tuple[FieldConfig, TrainConfig]:
     """Return the shape of a field and its training for a room, or for an object cut out of it.
+
+    Where distances of surfaces are known, a room needs no other help against fog: beginning with
+    coarse levels and the distortion loss cost more than they give then.
 
     An object alone fills few cells of its visual hull: smaller tables stay in the processor's
     cache, and fewer samples meet all of it. Against random backdrops fast MLPs turn all colours
     black before there is anything to see, from which they come back late or never.
     """
+    if not cut_out and distances_known:
+        return FieldConfig(), TrainConfig(window_until=0.0, distortion_weight=0.0)
     if not cut_out:
         return FieldConfig(), TrainConfig()
     return FieldConfig(log2_table_size=15), TrainConfig(

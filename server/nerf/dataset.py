@@ -74,6 +74,11 @@ class Dataset:
         """Whether every picture shows the object alone, so that there is no room to learn."""
         return all(alpha is not None for alpha in self.alphas)
 
+    @property
+    def distances_known(self) -> bool:
+        """Whether most pictures have pixels at which the distance of a surface is known."""
+        return 2 * sum(len(known.pixels) > 0 for known in self.known) > len(self)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PosedFile:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import load_dataset
 from server.nerf.orbit_view import OrbitView, orbit_pose
 from server.nerf.preview import render_preview
@@ -325,3 +325,13 @@ def test_trainer_refuses_nonsense(dataset):
         make(dataset, threads=0)
     with pytest.raises(ValueError, match="no picture"):
         make(dataset, held_out=range(24))
+
+
+def test_a_room_of_known_distances_is_trained_without_other_helps(dataset):
+    assert not dataset.distances_known
+    assert seen_ball(dataset).distances_known
+    _, helped = suited_configs(cut_out=False)
+    _, known = suited_configs(cut_out=False, distances_known=True)
+    assert helped.distortion_weight > 0.0
+    assert helped.window_until > 0.0
+    assert (known.distortion_weight, known.window_until) == (0.0, 0.0)

@@ -58,7 +58,7 @@ def train_and_judge(
 ) -> JudgedField:
     """Train a field for ``steps`` steps on the pictures a mode uses, and judge it on ``views``."""
     dataset = posed.dataset
-    field, train = suited_configs(cut_out=dataset.cut_out)
+    field, train = suited_configs(cut_out=dataset.cut_out, distances_known=dataset.distances_known)
     unused = [i for i in range(len(dataset)) if i not in posed.used]
     trainer = Trainer(dataset, field, train, held_out=unused, seed=seed, threads=threads)
     begun_s = time.monotonic()
