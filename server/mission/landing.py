@@ -22,7 +22,7 @@ _USUAL_SIGMA_M = 0.25
 _MOST_EXTRA_M = 1.5
 # Nobody steers a landing: a wind that rises meanwhile must not carry it over the fence.
 _OFF_FENCE_M = 1.0
-_RINGS_M = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0)
+_RINGS_M = (0.0, 0.3, 0.6, 0.9, 1.2, 1.6, 2.0, 2.5, 3.2, 4.0)
 _DIRECTIONS = 16
 
 

@@ -59,6 +59,15 @@ def test_places_are_clear(flying: list[np.ndarray], standing: list[np.ndarray]) 
         assert np.linalg.norm(place) <= SPACE.fence_radius_m + 1e-9
 
 
+def test_where_nothing_near_is_clear_a_drone_goes_farther() -> None:
+    # All near places are taken by the time the last one looks.
+    flying = {str(n): Landing(at(x, 0.0)) for n, x in enumerate((2.0, 2.0, 2.0, 3.5))}
+    places = landing_places(flying, [Down(at(2.5, 0.0), 0.2)], OBJECT, SPACE)
+    points = [*places.values(), np.array([2.5, 0.0])]
+    apart_m = [np.linalg.norm(a - b) for k, a in enumerate(points) for b in points[:k]]
+    assert min(apart_m) >= CLEARANCE_M - 1e-9
+
+
 def test_without_any_clear_place_a_drone_takes_the_one_with_most_room() -> None:
     crowd = [stands(x, y) for x in np.arange(-4, 4.1, 0.8) for y in np.arange(-4, 4.1, 0.8)]
     places = landing_places({"a": Landing(at(0.8, 0.8))}, crowd, None, SPACE)
