@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from server.nerf.dataset import Dataset
 from server.nerf.flight import FlightPicture
+from server.nerf.whole_file import whole_file
 from server.stages import CameraPose
 from server.vision.config import RegionConfig, SeedConfig
 from server.vision.recut import MaskedPicture, recut_masks
@@ -67,8 +67,9 @@ def cut_anew(
     anew = recut_masks(pictures, RegionConfig(), SeedConfig(), on_progress)
     for k, mask in zip(known, anew, strict=True):
         if mask is not None:
-            masks[k], files[k] = mask, f"masks/{Path(stills[k].file).stem}.png"
-            _write_mask(folder / f"masks/{Path(stills[k].file).stem}.png", mask)
+            file = f"masks/{Path(stills[k].file).stem}.png"
+            _write_mask(folder / file, mask)
+            masks[k], files[k] = mask, file
     return replace(posed, masks=tuple(masks)), files
 
 
@@ -78,9 +79,5 @@ def _write_mask(path: Path, mask: NDArray[np.bool_]) -> None:
     made, png = cv2.imencode(".png", mask.astype(np.uint8) * 255)
     if not made:
         raise OSError(f"{path} could not be encoded")
-    draft = path.with_name(path.name + ".part")
-    with draft.open("wb") as stream:
+    with whole_file(path) as stream:
         stream.write(png.tobytes())
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(path)

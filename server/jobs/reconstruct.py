@@ -34,6 +34,7 @@ from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
 from server.nerf.sightings import write_sightings
 from server.nerf.training import StepReport, Trainer
+from server.nerf.whole_file import whole_file
 
 _LIVE_PICTURES = 4
 _LIVE_SLICE_S = 4.0
@@ -229,9 +230,8 @@ def _refined_before(folder: Path) -> list[int] | None:
 
 
 def _write_whole(file: Path, about: dict[str, Any]) -> None:
-    draft = file.with_name(file.name + ".part")
-    draft.write_text(json.dumps(about, indent=1))
-    draft.replace(file)
+    with whole_file(file) as stream:
+        stream.write(json.dumps(about, indent=1).encode())
 
 
 def _trainer(

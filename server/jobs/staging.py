@@ -61,7 +61,7 @@ class Staging:
         """Fetch all, or the file ``only``, into ``folder``; raises OSError if that fails."""
         for path in self._fs.find(self._root) if only is None else [f"{self._root}/{only}"]:
             name = path[len(self._root) :].lstrip("/")
-            if name.endswith(".part") or name.startswith("."):
+            if name.endswith(".part"):
                 continue
             target = folder / name
             if not target.resolve().is_relative_to(folder.resolve()):

@@ -8,7 +8,6 @@ distortion is honoured ray by ray: pictures are never resampled for it.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from server.geometry.axes import opencv_from_opengl, opengl_from_opencv
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.nerf.sightings import KnownPixels, known_pixels, read_sightings
+from server.nerf.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -219,12 +219,8 @@ def write_transforms(
     if floor_z is not None:
         description["floor_z"] = floor_z
     target = folder / _TRANSFORMS
-    draft = folder / (_TRANSFORMS + ".part")
-    with draft.open("w", encoding="utf-8") as stream:
-        json.dump(description, stream, indent=1)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(target)
+    with whole_file(target) as stream:
+        stream.write(json.dumps(description, indent=1).encode())
     return target
 
 

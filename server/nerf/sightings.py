@@ -8,7 +8,6 @@ known does not (Deng et al., "Depth-supervised NeRF", 2022). They lie beside ``t
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics, whole_pixels
+from server.nerf.whole_file import whole_file
 
 Array = NDArray[np.float64]
 
@@ -88,13 +88,8 @@ def no_sightings() -> Sightings:
 
 def write_sightings(folder: Path, sightings: Sightings) -> None:
     """Write ``folder/sightings.npz`` so that it is complete or untouched, never half."""
-    target = folder / FILE
-    draft = folder / (FILE + ".part")
-    with draft.open("wb") as stream:
+    with whole_file(folder / FILE) as stream:
         draft_sightings(sightings, stream)
-        stream.flush()
-        os.fsync(stream.fileno())
-    draft.replace(target)
 
 
 def draft_sightings(sightings: Sightings, stream: BinaryIO) -> None:

@@ -31,6 +31,7 @@ from server.nerf.rendering import Rendering, SampledRays
 from server.nerf.sampling import Backend, Samples, sample_rays, visible_part
 from server.nerf.space import SceneSpace, scene_space
 from server.nerf.torch_backend import TorchBackend
+from server.nerf.whole_file import whole_file
 from server.stages import Metrics
 
 Array = NDArray[np.float64]
@@ -408,14 +409,8 @@ class Trainer:
             }
             arrays |= self._adam.state()
         arrays["about"] = np.array(json.dumps(about))
-        draft = path.with_name(path.name + ".part")
-        try:
-            with draft.open("wb") as stream:
-                np.savez(stream, allow_pickle=False, **arrays)
-            draft.replace(path)
-        except OSError:
-            draft.unlink(missing_ok=True)
-            raise
+        with whole_file(path) as stream:
+            np.savez(stream, allow_pickle=False, **arrays)
 
     @classmethod
     def load(

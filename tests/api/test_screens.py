@@ -316,8 +316,13 @@ async def test_a_known_length_sets_the_scale_of_a_capture(tmp_path: Path, browse
                 await shown.click(position={"x": float(x), "y": float(y)})
         await expect(start).to_be_enabled()
         # Arrow keys move a cross; only Enter marks with it.
-        await page.get_by_test_id("mark-picture-1").focus()
+        last = page.get_by_test_id("mark-picture-1")
+        marked = last.locator(".mark-cross-a")
+        before = await marked.get_attribute("style")
+        await last.focus()
         await page.keyboard.press("Shift+ArrowRight")
+        await expect(last.locator(".mark-cross-cursor")).to_be_visible()
+        assert await marked.get_attribute("style") == before
         await start.click()
         await expect(page.get_by_test_id("scale-found")).to_contain_text("multiplied by 1.")
         after = load_dataset(folder).T_world_cam

@@ -1,6 +1,7 @@
 import { useId, useState, type SubmitEvent } from "react";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
+import { NumberField } from "../design/NumberField";
 import { isActive, type ConsoleState } from "../state/state";
 import { words } from "../text/words";
 
@@ -33,19 +34,16 @@ export function MoreViews() {
   };
   return (
     <form className="more-views" noValidate onSubmit={submit}>
-      <label htmlFor={id}>{text.label}</label>
-      <input
+      <NumberField
         id={id}
-        type="number"
-        inputMode="numeric"
+        label={text.label}
+        whole
         min={1}
         max={left}
         value={shown}
-        aria-invalid={!valid}
-        aria-describedby={`${id}-hint`}
-        onChange={(event) => {
-          setWish(event.target.value);
-        }}
+        valid={valid}
+        describedBy={`${id}-hint`}
+        onChange={setWish}
       />
       <button
         type="submit"

@@ -5,6 +5,7 @@ import { useAnswer } from "../api/useAnswer";
 import { useOperator } from "../context";
 import { decimal, moment, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
+import { NumberField } from "../design/NumberField";
 import { words } from "../text/words";
 
 const LEAST_S = 1;
@@ -78,32 +79,25 @@ function TrainingForm({ captureId, onStarted }: TrainingFormProps) {
       });
   };
   return (
-    <form className="retrain-form" noValidate onSubmit={submit}>
-      <label htmlFor={`${id}-seconds`}>{text.seconds}</label>
-      <input
+    <form className="form-row" noValidate onSubmit={submit}>
+      <NumberField
         id={`${id}-seconds`}
-        type="number"
-        inputMode="decimal"
+        label={text.seconds}
         min={LEAST_S}
         max={MOST_S}
         value={seconds}
-        aria-invalid={!secondsFit}
-        onChange={(event) => {
-          setSeconds(event.target.value);
-        }}
+        valid={secondsFit}
+        onChange={setSeconds}
       />
-      <label htmlFor={`${id}-seed`}>{text.seed}</label>
-      <input
+      <NumberField
         id={`${id}-seed`}
-        type="number"
-        inputMode="numeric"
+        label={text.seed}
+        whole
         min={0}
         max={MOST_SEED}
         value={seed}
-        aria-invalid={!seedFits}
-        onChange={(event) => {
-          setSeed(event.target.value);
-        }}
+        valid={seedFits}
+        onChange={setSeed}
       />
       <label className="retrain-only">
         <input

@@ -3,6 +3,7 @@ import type { ScaleFound } from "../api/scale";
 import { useOperator } from "../context";
 import { decimal } from "../design/format";
 import { Icon } from "../design/Icon";
+import { NumberField } from "../design/NumberField";
 import { words } from "../text/words";
 import { MarkedPicture } from "./MarkedPicture";
 import { endsOf, isEnough, nextEnd, withMark, type End, type Mark } from "./marks";
@@ -95,20 +96,15 @@ export function KnownLength({ captureId, pictures }: KnownLengthProps) {
           </div>
         ))}
       </div>
-      <form className="retrain-form" noValidate onSubmit={submit}>
-        <label htmlFor={`${id}-length`}>{text.length}</label>
-        <input
-          id={`${id}-length`}
-          type="number"
-          inputMode="decimal"
-          step="any"
+      <form className="form-row" noValidate onSubmit={submit}>
+        <NumberField
+          id={id}
+          label={text.length}
           min={0}
           max={MOST_M}
           value={length}
-          aria-invalid={length !== "" && !fits}
-          onChange={(event) => {
-            setLength(event.target.value);
-          }}
+          valid={length === "" || fits}
+          onChange={setLength}
         />
         <button
           type="submit"
