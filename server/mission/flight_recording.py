@@ -65,6 +65,8 @@ logger = logging.getLogger(__name__)
 RECORDING = "recording.mcap"
 
 _WAITING_EVENTS = 4096
+# A Tello reports ten times a second.
+_LAST_REPORTS_S = 0.5
 # These tell no more than other topics do, or nothing of the flight.
 _LEFT_OUT = (
     DroneReported,
@@ -296,6 +298,8 @@ async def record_capture(
                 await asyncio.wait((landed, flight), return_when=asyncio.FIRST_COMPLETED)
             finally:
                 landed.cancel()
+            # The last drone's own report of standing on the ground comes after the mission's.
+            await asyncio.sleep(_LAST_REPORTS_S)
     except OSError as error:
         logger.warning("no recording: %s", error)
         events.publish(Noted("warning", f"This flight is not recorded: {error}."))

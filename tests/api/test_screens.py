@@ -222,11 +222,7 @@ async def test_captures_are_looked_at_compared_and_deleted(
         await open_screen(console, page, "library")
         # The newest first; one that flies can be looked at and not be deleted.
         names = page.locator(".capture-name")
-        assert [await each.inner_text() for each in await names.all()] == [
-            "run-3",
-            "run-2",
-            "run-1",
-        ]
+        await expect(names).to_have_text(["run-3", "run-2", "run-1"])
         await names.nth(0).click()
         await expect(page.get_by_test_id("run")).to_have_attribute("data-run", "run-3")
         await expect(page.get_by_test_id("delete-capture")).to_have_count(0)
