@@ -230,8 +230,12 @@ def check_door(settings: Settings) -> None:
 
 
 @asynccontextmanager
-async def job_runner(settings: Settings) -> AsyncIterator[JobRunner]:
+async def job_runner(settings: Settings, *, plan_too: bool = False) -> AsyncIterator[JobRunner]:
     """Open what runs jobs: this machine, or a Ray cluster.
+
+    Args:
+        settings: Which of them.
+        plan_too: Let the cluster plan, too; a console plans here, while drones hover.
 
     Raises:
         StartError: If the address for the cluster's callbacks cannot be had.
@@ -241,10 +245,26 @@ async def job_runner(settings: Settings) -> AsyncIterator[JobRunner]:
         return
     async with AsyncExitStack() as stack:
         try:
-            runner = await stack.enter_async_context(RayRunner(settings.ray))
+            runner = await stack.enter_async_context(RayRunner(settings.ray, plan_too=plan_too))
         except OSError as error:
             raise StartError(f"ray.callback_host and callback_port: {error.strerror}") from error
         yield runner
+
+
+def job_place(settings: Settings) -> Path | None:
+    """Return the folder for the files of jobs from a shell, None for this machine's temporary one.
+
+    The nodes of a cluster see the runs, but not that.
+
+    Raises:
+        StartError: If there can be no such folder.
+    """
+    if settings.runner == "local":
+        return None
+    check_runs(settings.runs)
+    place = settings.runs.resolve()
+    place.mkdir(parents=True, exist_ok=True)
+    return place
 
 
 @asynccontextmanager
@@ -330,7 +350,8 @@ async def console(
             scene = SceneView(config=SceneConfig(start_radius_m=fleet.config.start_radius_m))
             await stack.enter_async_context(scene)
             scene_port = scene.port
-            follow = asyncio.create_task(scene.follow(control.events), name="scene")
+            standing = control.standing()
+            follow = asyncio.create_task(scene.follow(control.events, standing), name="scene")
             stack.push_async_callback(_end, follow)
         except Exception:
             logger.exception("the 3D scene did not start; everything else works without it")

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AsyncExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,9 @@ from typing import Any
 import httpx
 import numpy as np
 
-from server.app import StartError
+from server.app import StartError, job_place, job_runner
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
-from server.jobs.local import LocalRunner
 from server.jobs.plan import PlanInput
 from server.jobs.runner import JobFailedError
 from server.jobs.spec import JobSpec
@@ -141,6 +140,7 @@ async def _plan_for(box: Box3, arguments: argparse.Namespace) -> int:
         raise StartError(
             f"{arguments.pictures} pictures cannot be shared out evenly by {len(drones)} drones"
         )
+    settings = load_settings()
     wanted = PlanInput(
         outer=(box.lower.tolist(), box.upper.tolist()),
         boxes=[(box.lower.tolist(), box.upper.tolist())],
@@ -149,13 +149,17 @@ async def _plan_for(box: Box3, arguments: argparse.Namespace) -> int:
         tilt_rad=TELLO_TILT_RAD,
         drones={drone: _start(number, len(drones)) for number, drone in enumerate(drones)},
         rounds=arguments.pictures // len(drones),
-        config=asdict(load_settings().flight().planner),
+        config=asdict(settings.flight().planner),
         enough=None if arguments.enough is None else arguments.enough / 100.0,
     )
     spec = JobSpec("plan", wanted.model_dump(), seed=arguments.seed, threads=1, niceness=0)
     done: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory(prefix="dronerf-job-") as folder:
-        job = await LocalRunner().submit(spec, Path(folder))
+    async with AsyncExitStack() as stack:
+        place = job_place(settings)
+        temporary = tempfile.TemporaryDirectory(prefix=".dronerf-job-", dir=place)
+        folder = stack.enter_context(temporary)
+        runner = await stack.enter_async_context(job_runner(settings, plan_too=True))
+        job = await runner.submit(spec, Path(folder))
         try:
             async for event in job.events():
                 if event["event"] == "progressed" and sys.stderr.isatty():

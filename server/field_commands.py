@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from server.app import StartError, check_runs, job_runner
+from server.app import StartError, check_runs, job_place, job_runner
 from server.jobs.local import LocalRunner
 from server.jobs.runner import JobFailedError, JobRunner
 from server.jobs.spec import JobSpec, Kind
@@ -157,13 +157,9 @@ async def _train(
     parameters: dict[str, Any], arguments: argparse.Namespace, seed: int, settings: Settings
 ) -> int:
     """Train where the settings say, this machine or a cluster."""
-    shared: Path | None = None
-    if settings.runner == "ray":
-        # Its nodes see the runs, but not this machine's temporary files.
-        shared = settings.runs.resolve()
-        shared.mkdir(parents=True, exist_ok=True)
+    place = job_place(settings)
     async with job_runner(settings) as runner:
-        return await _work("reconstruct", parameters, arguments, runner, seed=seed, place=shared)
+        return await _work("reconstruct", parameters, arguments, runner, seed=seed, place=place)
 
 
 async def _work(

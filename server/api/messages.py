@@ -217,6 +217,26 @@ class PrioritiesReport(_Message):
     parts: list[PriorityPart]
 
 
+class NoGoVolume(_Message):
+    """A column of the room that no drone may enter, from the floor to the ceiling.
+
+    ``area`` is its rectangle: lower x, lower y, upper x, upper y, world metres. One that is
+    ``configured`` is of the settings and is changed there.
+    """
+
+    id: str
+    area: list[float]
+    configured: bool
+
+
+class NoGoReport(_Message):
+    """All no-go volumes as they stand now."""
+
+    type: Literal["no_go_changed"] = "no_go_changed"
+    at: str
+    volumes: list[NoGoVolume]
+
+
 class PlanView(_Message):
     """Which viewpoints the 3D scene shows, in every browser."""
 
@@ -266,6 +286,7 @@ ServerMessage = Annotated[
     | PickReport
     | DisagreementReport
     | PrioritiesReport
+    | NoGoReport
     | PlanView
     | CommandReport
     | Note

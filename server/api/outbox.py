@@ -19,6 +19,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     FrameAnnotated,
+    NoGoChanged,
     ObjectPointedOut,
     PlanProgressed,
     PoseEstimated,
@@ -50,6 +51,8 @@ def _slot(event: Event) -> _Slot | None:
             return ("disagreement", None)
         case PrioritiesChanged():
             return ("priorities", None)
+        case NoGoChanged():
+            return ("no-go", None)
         case _:
             return None
 

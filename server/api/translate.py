@@ -20,6 +20,8 @@ from server.mission.events import (
     FailsafeFired,
     FrameAnnotated,
     MetricsMeasured,
+    NoGoChanged,
+    NoGoVolume,
     Noted,
     ObjectPointedOut,
     PlanFound,
@@ -77,7 +79,7 @@ def message_from_event(event: Event) -> BaseModel | None:
             return _metrics(event)
         case FailsafeFired():
             return _failsafe(event)
-        case ObjectPointedOut() | ViewsDisagree() | PrioritiesChanged():
+        case ObjectPointedOut() | ViewsDisagree() | PrioritiesChanged() | NoGoChanged():
             return _shown(event)
         case PlanViewChosen():
             return messages.PlanView(at=_iso(event.at), shown=event.shown)
@@ -201,7 +203,9 @@ def _metrics(event: MetricsMeasured) -> messages.MetricsReport:
     )
 
 
-def _shown(event: ObjectPointedOut | ViewsDisagree | PrioritiesChanged) -> BaseModel:
+def _shown(
+    event: ObjectPointedOut | ViewsDisagree | PrioritiesChanged | NoGoChanged,
+) -> BaseModel:
     match event:
         case ObjectPointedOut():
             box = None if event.box is None else [float(share) for share in event.box]
@@ -213,8 +217,16 @@ def _shown(event: ObjectPointedOut | ViewsDisagree | PrioritiesChanged) -> BaseM
         case PrioritiesChanged():
             parts = [view_from_part(part) for part in event.parts]
             return messages.PrioritiesReport(at=_iso(event.at), parts=parts)
+        case NoGoChanged():
+            volumes = [view_from_no_go(volume) for volume in event.volumes]
+            return messages.NoGoReport(at=_iso(event.at), volumes=volumes)
         case _:
             assert_never(event)
+
+
+def view_from_no_go(volume: NoGoVolume) -> messages.NoGoVolume:
+    """Return what the console tells about a no-go volume."""
+    return messages.NoGoVolume(id=volume.id, area=list(volume.area), configured=volume.configured)
 
 
 def view_from_part(part: PriorityPart) -> messages.PriorityPart:

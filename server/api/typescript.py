@@ -19,7 +19,7 @@ from server.api import messages
 DEFAULT_PATH = Path("web/src/protocol/messages.gen.ts")
 
 # Models that are no message but part of one.
-PARTS: tuple[type[BaseModel], ...] = (messages.PriorityPart,)
+PARTS: tuple[type[BaseModel], ...] = (messages.PriorityPart, messages.NoGoVolume)
 
 _HEADER = """\
 // Generated from server/api/messages.py by `make messages`. Do not edit.

@@ -22,6 +22,7 @@ from server.api.idempotency import Idempotency
 from server.api.jobs import make_jobs_router
 from server.api.journal import Journal
 from server.api.methods import HeadAsGet, make_allowed
+from server.api.no_go import make_no_go_router
 from server.api.objects import make_objects_router
 from server.api.openapi_document import describe
 from server.api.pages import SecurityHeaders
@@ -106,6 +107,7 @@ def make_web(
     web.include_router(make_drones_router(mission, stops, desk, config.command_wait_s))
     web.include_router(make_safety_router(mission))
     web.include_router(make_objects_router(mission, desk))
+    web.include_router(make_no_go_router(mission, desk))
     web.include_router(make_setup_router(mission))
     web.include_router(make_captures_router(mission, desk))
     web.include_router(make_results_router(mission, journal, door.prefix))

@@ -15,12 +15,14 @@ from server.sim.scenes.catalogue import SCENES, load_object
 
 # By name, so that a bench loads only what it measures.
 _BENCHES = {
+    "dashboard": "server.bench.dashboard",
     "load": "server.bench.load",
     "nerf": "server.bench.nerf",
     "planner": "server.bench.planner",
     "poses": "server.bench.poses",
     "mission": "server.bench.missions.measure",
     "regions": "server.bench.regions",
+    "soak": "server.bench.soak",
     "table1": "server.bench.table1",
     "video": "server.bench.video",
 }
@@ -68,7 +70,8 @@ def main() -> int:
     parser.add_argument(
         "--ablations",
         action="store_true",
-        help="table1: also the mission without each of its parts",
+        help="table1: also the mission without each of its parts; nerf: the training without each"
+        " of its switches, instead",
     )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
@@ -78,10 +81,10 @@ def main() -> int:
         parser.error("--resume needs --out")
     if (arguments.faults or arguments.only) and arguments.name != "mission":
         parser.error("--faults and --only are for the bench mission")
-    if arguments.name != "table1" and (
-        arguments.pictures or arguments.drones or arguments.ablations
-    ):
-        parser.error("--pictures, --drones and --ablations are for the bench table1")
+    if arguments.name != "table1" and (arguments.pictures or arguments.drones):
+        parser.error("--pictures and --drones are for the bench table1")
+    if arguments.ablations and arguments.name not in ("nerf", "table1"):
+        parser.error("--ablations is for the benches nerf and table1")
     bench = importlib.import_module(_BENCHES[arguments.name])
     all_scenes = getattr(bench, "SCENES", SCENES)
     options = Options(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from server.app import free_loopback_block
 from server.bench.console_process import (
@@ -31,6 +32,7 @@ from server.sim.encoder import VideoEncoder
 from server.sim.tello import Outgoing, Sender, Tello
 
 _FPS = 10.0
+_BITRATE_KBIT_S = 4000
 _LATEST_S = 5.0
 _FLIGHT_S = 7200.0
 # The drones hover before pictures of no object: not seeing it must not land them here.
@@ -81,11 +83,18 @@ class HoveringFleet:
         return 1000.0 * (heard_s - pressed_s)
 
 
+# Draws the picture of a number, BGR; called when it is about to be coded and sent.
+Painter = Callable[[int], NDArray[np.uint8]]
+
+
 @asynccontextmanager
-async def hovering_fleet(folder: Path) -> AsyncIterator[HoveringFleet]:
+async def hovering_fleet(
+    folder: Path, paint: Painter | None = None, fps: float = _FPS
+) -> AsyncIterator[HoveringFleet]:
     """Have four drones hover; they land at the end. Files go to ``folder``, runs to ``runs`` in it.
 
-    Their batteries last longer than real ones.
+    Their batteries last longer than real ones. All send the same pictures, ``fps`` a second: those
+    of ``paint``, or of a blob that moves over a floor.
     """
     config = SimConfig(
         base_address=free_loopback_block(4), dynamics=DynamicsConfig(flight_time_s=_FLIGHT_S)
@@ -98,7 +107,7 @@ async def hovering_fleet(folder: Path) -> AsyncIterator[HoveringFleet]:
             await stack.enter_async_context(drone)
         console = await stack.enter_async_context(served_console(config, folder, _WITHOUT_OBJECT))
         await until_activity(console.client, "ground", len(drones))
-        video = asyncio.create_task(_stream(drones))
+        video = asyncio.create_task(_stream(drones, paint or blob_on_floor(), fps))
         stack.callback(video.cancel)
         for drone in drones:
             await command(console.client, drone.drone_id, "takeoff")
@@ -109,23 +118,33 @@ async def hovering_fleet(folder: Path) -> AsyncIterator[HoveringFleet]:
             await console.client.post("/api/v1/fleet/land")
 
 
-async def _stream(drones: list[SimulatedDrone]) -> None:
-    """Send every drone the same video: a blob that moves over a floor."""
+def blob_on_floor() -> Painter:
+    """Return the painter of a blob that moves over a floor."""
     camera = TELLO_INTRINSICS
-    encoder = VideoEncoder(camera.width, camera.height, _FPS, 4000)
     noise = np.random.default_rng(0).integers(0, 255, (camera.height, camera.width, 3), np.uint8)
-    floor = cv2.GaussianBlur(noise, (0, 0), 6.0)
-    begun_s, count = time.monotonic(), 0
-    while True:
+    floor = np.asarray(cv2.GaussianBlur(noise, (0, 0), 6.0), np.uint8)
+
+    def paint(count: int) -> NDArray[np.uint8]:
         picture = floor.copy()
         cv2.circle(picture, (480 + round(200 * math.sin(0.1 * count)), 380), 130, (40, 40, 220), -1)
-        image = np.asarray(picture, np.uint8)
-        coded = await asyncio.to_thread(encoder.encode, image, count / _FPS)
+        return picture
+
+    return paint
+
+
+async def _stream(drones: list[SimulatedDrone], paint: Painter, fps: float) -> None:
+    """Send every drone the same video."""
+    encoder = VideoEncoder(TELLO_INTRINSICS.width, TELLO_INTRINSICS.height, fps, _BITRATE_KBIT_S)
+    begun_s, count = time.monotonic(), 0
+    while True:
+        coded = await asyncio.to_thread(
+            lambda number: encoder.encode(paint(number), number / fps), count
+        )
         for drone in drones:
             if drone.wants_pictures:
                 drone.send_video(coded)
         count += 1
-        await asyncio.sleep(max(0.0, begun_s + count / _FPS - time.monotonic()))
+        await asyncio.sleep(max(0.0, begun_s + count / fps - time.monotonic()))
 
 
 def hold_figures(took_ms: Sequence[float]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 24 even views of the upper hemisphere, 400x400, white background; 20 other even views held out.
 Time spent on evaluation is not counted; compiling is not counted either and stated as
 ``cold_start_s``. The torch path runs in the same process on the same pictures for a few steps.
+With ``--ablations`` each switch of the training is put back in turn instead (``nerf_switches``).
 """
 
 from __future__ import annotations
@@ -14,33 +15,31 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from server.bench.nerf_pictures import FEW_VIEWS, HELD_OUT_VIEWS, TRAINING_VIEWS, bench_dataset
+from server.bench.nerf_switches import mean_switches, switches
 from server.bench.options import Figures, Options, each_scene
 from server.bench.scenes import named_and_shared_scenes
-from server.geometry.cameras import Intrinsics
-from server.geometry.poses import look_at
 from server.nerf.config import suited_configs
 from server.nerf.dataset import Dataset
 from server.nerf.preview import render_preview
-from server.nerf.sightings import nothing_known
 from server.nerf.training import Trainer
-from server.sim.meshes import ObjectModel
-from server.sim.scenes.catalogue import load_object
-from server.sim.world import World
-
-Array = NDArray[np.float64]
 
 SCENES = named_and_shared_scenes()
 QUICK_SCENES = ("robot_dog", "recycle_bin")
-_SIDE_PX = 400
-_TRAINING_VIEWS, _HELD_OUT_VIEWS, _FEW_VIEWS = 24, 20, 8
 _MARKS_S = (10.0, 30.0, 60.0)
 _REFERENCE_STEPS = 2
 
 
 def run(options: Options) -> Figures:
     """Return the figures of every scene, their means, and the largest peak of memory."""
+    if options.ablations:
+        told = each_scene(
+            "nerf-switches",
+            options,
+            lambda scene: switches(scene, options.seed, options.threads),
+        )
+        return Figures(told, mean_switches(told))
     parts = each_scene(
         "nerf",
         options,
@@ -56,11 +55,8 @@ def run(options: Options) -> Figures:
 
 def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, Any]:
     """Return the figures of one scene; pictures go to ``out`` when it is given."""
-    model = load_object(scene)
-    views = _hemisphere_views(model, _TRAINING_VIEWS, 0.0)
-    others = _hemisphere_views(model, _HELD_OUT_VIEWS, 0.5)
-    dataset = _render_dataset(model, np.concatenate([views, others]))
-    held_out = list(range(_TRAINING_VIEWS, _TRAINING_VIEWS + _HELD_OUT_VIEWS))
+    dataset = bench_dataset(scene)
+    held_out = list(range(TRAINING_VIEWS, TRAINING_VIEWS + HELD_OUT_VIEWS))
     begun_s = time.monotonic()
     _trainer(dataset, held_out, seed, threads).run(steps=2)
     result: dict[str, Any] = {"cold_start_s": round(time.monotonic() - begun_s, 2)}
@@ -76,7 +72,7 @@ def measure(scene: str, seed: int, threads: int, out: Path | None) -> dict[str, 
             result["preview_ms"] = _preview_ms(trainer)
             if out is not None:
                 _write_comparison(trainer, held_out[:4], out / f"{Path(scene).name}.png")
-    few = [index * _TRAINING_VIEWS // _FEW_VIEWS for index in range(_FEW_VIEWS)]
+    few = [index * TRAINING_VIEWS // FEW_VIEWS for index in range(FEW_VIEWS)]
     unseen = [index for index in range(len(dataset)) if index not in few]
     trainer = _trainer(dataset, unseen, seed, threads)
     trainer.run(seconds=_MARKS_S[-1])
@@ -102,50 +98,6 @@ def _trainer(
         backend=backend,
         seed=seed,
         threads=threads,
-    )
-
-
-def _hemisphere_views(model: ObjectModel, count: int, phase: float) -> Array:
-    """Return ``count`` poses even over the upper hemisphere (Fibonacci spiral), whole in view."""
-    size = np.ptp(model.vertices, axis=0)
-    centre = model.vertices.min(axis=0) + size / 2.0
-    radius = 1.6 * float(np.linalg.norm(size)) / 2.0 / np.tan(np.deg2rad(20.0))
-    index = np.arange(count) + 0.5
-    height = np.clip(index / count, 0.02, 0.97)
-    azimuth = 2.0 * np.pi * (index * (np.sqrt(5.0) - 1.0) / 2.0 + phase)
-    across = np.sqrt(1.0 - height**2)
-    offsets = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
-    return np.stack([look_at(centre + radius * offset, centre) for offset in offsets])
-
-
-def _render_dataset(model: ObjectModel, T_world_cam: Array) -> Dataset:
-    """Return the pictures of ``T_world_cam`` ``(n, 4, 4)`` on white, in memory."""
-    focal = _SIDE_PX / 2.0 / np.tan(np.deg2rad(20.0))
-    middle = (_SIDE_PX - 1) / 2.0
-    camera = Intrinsics(_SIDE_PX, _SIDE_PX, focal, focal, middle, middle)
-    world = World(model, intrinsics=camera, supersample=2)
-    images, masks = [], []
-    try:
-        for T in T_world_cam:
-            mask = world.silhouette(T)
-            image = world.render(T)[:, :, ::-1].copy()
-            image[~mask] = 255
-            images.append(image)
-            masks.append(mask)
-    finally:
-        world.close()
-    files = tuple(Path(f"{index:04d}.png") for index in range(len(images)))
-    return Dataset(
-        Path("."),
-        files,
-        tuple(images),
-        tuple(masks),
-        tuple(np.where(mask, 255, 0).astype(np.uint8) for mask in masks),
-        (camera,) * len(images),
-        T_world_cam,
-        None,
-        None,
-        (nothing_known(),) * len(images),
     )
 
 

@@ -25,7 +25,7 @@ class Options:
         resume: Whether to go on from the parts in ``out``.
         pictures: For the table: counts of pictures to draw a curve over, none for no curve.
         drones: For the table: counts of drones likewise.
-        ablations: For the table: whether to leave out each part of the method in turn.
+        ablations: For table and fields: whether to leave out each part in turn.
     """
 
     scenes: tuple[str, ...]

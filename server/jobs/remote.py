@@ -171,6 +171,7 @@ def _from_store(place: str, folder: Path, url: str, token: str) -> int:
     if reporter.unwanted():
         return 1
     code = work(spec, reporter)
+    run.mkdir(exist_ok=True)  # A plan makes none.
     (run / EVENTS).write_text((folder / EVENTS).read_text())
     push()
     reporter.tell_all()

@@ -18,6 +18,7 @@ from server.mission.events import (
     EventStream,
     FieldView,
     FrameAnnotated,
+    NoGoVolume,
     ObjectPointedOut,
     PriorityPart,
 )
@@ -28,6 +29,8 @@ DroneCommand = Literal["takeoff", "land", "hold", "rearm", "cut_motors"]
 StopCommand = Literal["hold", "land", "cut_motors"]
 # A point x, y or a box left, top, right, bottom, as shares 0 to 1 of a picture.
 PointedPlace = tuple[float, float] | tuple[float, float, float, float]
+# A rectangle of the floor: x, y of two opposite corners, world metres.
+Area = tuple[float, float, float, float]
 
 
 def failsafe_falls(event: str) -> bool:
@@ -276,6 +279,26 @@ class MissionControl(Protocol):
 
     def drop_priorities(self, part_id: str | None = None) -> None:
         """Forget one part of priority, or all when None; raises UnknownError."""
+        ...
+
+    def no_go(self) -> Sequence[NoGoVolume]:
+        """Return the volumes that no drone may enter."""
+        ...
+
+    async def add_no_go(self, area: Area) -> NoGoVolume:
+        """Let no drone enter what is on and above a rectangle of the floor any more.
+
+        Raises:
+            RefusedError: If there are too many, or it is none.
+        """
+        ...
+
+    async def change_no_go(self, volume_id: str, area: Area) -> NoGoVolume:
+        """Give a volume another place; raises UnknownError or RefusedError."""
+        ...
+
+    async def drop_no_go(self, volume_id: str | None = None) -> None:
+        """Forget a volume, or all when None; raises UnknownError or RefusedError."""
         ...
 
     def preflight(self) -> Sequence[Check]:

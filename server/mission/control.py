@@ -14,7 +14,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from server.mission import chronicle
 from server.mission.checklist import Check, check_console, check_disk, check_drone, problems
 from server.mission.commands import (
     MOST_PICTURES,
+    Area,
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
@@ -49,6 +50,7 @@ from server.mission.events import (
     FieldView,
     FrameAnnotated,
     MetricsMeasured,
+    NoGoVolume,
     Noted,
     ObjectPointedOut,
     PlanFound,
@@ -60,6 +62,8 @@ from server.mission.events import (
 from server.mission.eyes import CameraEye, Eye
 from server.mission.flight_recording import RECORDING, FlightRecording, Scenery, record_capture
 from server.mission.mission import Mission, MissionTools
+from server.mission.no_go import FILE as NO_GO_FILE
+from server.mission.no_go import NoGo
 from server.mission.phases import AIRBORNE
 from server.mission.pilot import Pilot
 from server.mission.pointing import Pointing
@@ -141,6 +145,7 @@ class Control:
         runner = runner if runner is not None else LocalRunner()
         self._pointing = Pointing(fleet.drones, self._eyes, self._pilot, config, events, _now_s)
         self._priorities = Priorities(fleet.drones, self._pilot, events)
+        self._no_go = NoGo(runs / NO_GO_FILE, self._pilot, config.planner, config.safety, events)
         self._disagreement = DisagreementWatch(
             fleet.drones, self._eyes, self._pilot, config.vision.agreement, events, _now_s
         )
@@ -152,6 +157,7 @@ class Control:
             events,
             config,
             self._priorities,
+            self._no_go,
             self._console_checks,
         )
         self._disk = DiskWatch(runs)
@@ -279,7 +285,7 @@ class Control:
 
     def standing(self) -> list[Event]:
         """Return the events a newcomer needs to see the present state."""
-        told = [self._pointing, self._priorities, self._disagreement]
+        told = [self._pointing, self._priorities, self._no_go, self._disagreement]
         operators = [event for each in told for event in each.standing()]
         return [*self._standing.values(), *operators, *self._failsafes]
 
@@ -304,7 +310,8 @@ class Control:
     def _console_checks(self) -> list[Check]:
         disk = self._disk
         disk_age_s = asyncio.get_running_loop().time() - disk.measured_s
-        return [check_console(self._failed_task), check_disk(disk.free_mb, disk_age_s)]
+        console = [check_console(self._failed_task), check_disk(disk.free_mb, disk_age_s)]
+        return [*console, *self._no_go.checks()]
 
     def failsafes(self) -> tuple[Failsafe, ...]:
         """Return the failsafe table, row by row."""
@@ -375,6 +382,9 @@ class Control:
                 if not any(other.airborne for other in self._fleet.drones.values()):
                     # Whatever stands there now may be another thing than a capture saw.
                     self._pilot.begin_capture()
+                barred = [c for c in self._no_go.checks() if c.drone_id in (None, drone_id)]
+                if barred:
+                    raise RefusedError(f"{drone_id}: {barred[0].found}. {barred[0].remedy}")
                 self._begin_unwatched()
                 self._pilot.place_at_start(drone_id)
                 self.events.publish(Noted("info", "Take-off ordered.", drone_id))
@@ -439,7 +449,8 @@ class Control:
 
     def scenery(self) -> Scenery:
         """Return what a recording of these drones needs."""
-        return Scenery(self._fleet, self._eyes, self.events, self._config)
+        config = replace(self._config, planner=self._no_go.within(self._config.planner))
+        return Scenery(self._fleet, self._eyes, self.events, config)
 
     def _recording_patience_s(self) -> float:
         return 0.0 if self._recording is None else 2.0 * self._recording.close_s
@@ -567,6 +578,22 @@ class Control:
     def drop_priorities(self, part_id: str | None = None) -> None:
         """Forget one part of priority, or all when None; raises UnknownError."""
         self._priorities.drop(part_id)
+
+    def no_go(self) -> tuple[NoGoVolume, ...]:
+        """Return the volumes that no drone may enter."""
+        return self._no_go.volumes
+
+    async def add_no_go(self, area: Area) -> NoGoVolume:
+        """Let no drone enter a column of the room any more; raises RefusedError."""
+        return await self._no_go.add(area)
+
+    async def change_no_go(self, volume_id: str, area: Area) -> NoGoVolume:
+        """Give a volume another place; raises UnknownError or RefusedError."""
+        return await self._no_go.change(volume_id, area)
+
+    async def drop_no_go(self, volume_id: str | None = None) -> None:
+        """Forget a volume, or all when None; raises UnknownError or RefusedError."""
+        await self._no_go.drop(volume_id)
 
     def _observers(self) -> tuple[str, ...]:
         return () if self._mission is None else self._mission.observers

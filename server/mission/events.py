@@ -341,6 +341,35 @@ class PriorityPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class NoGoVolume:
+    """A column of the room that no drone may enter.
+
+    Attributes:
+        id: Names it.
+        box: Where it is, world metres, from the floor to the ceiling.
+        configured: True for one of the settings, which is changed there.
+    """
+
+    id: str
+    box: Box3
+    configured: bool = False
+
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """Its rectangle on the floor: lower x, lower y, upper x, upper y, world metres."""
+        (x_0, y_0, _), (x_1, y_1, _) = self.box.lower.tolist(), self.box.upper.tolist()
+        return x_0, y_0, x_1, y_1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoGoChanged:
+    """The no-go volumes as they stand now, all of them."""
+
+    volumes: tuple[NoGoVolume, ...]
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PrioritiesChanged:
     """The operator's parts of priority as they stand now, all of them."""
 
@@ -407,6 +436,7 @@ Event = (
     | ObjectPointedOut
     | ViewsDisagree
     | PrioritiesChanged
+    | NoGoChanged
     | PlanViewChosen
     | CommandChanged
     | Noted

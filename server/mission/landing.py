@@ -73,7 +73,7 @@ def landing_places(
         flying: The drones that are to land.
         down: What nobody may land on.
         object_box: The object's outer box, None while it is unknown.
-        space: Fence and standoff.
+        space: Fence, standoff and no-go volumes.
     """
     taken = [(other.position[:2], other.apart_m) for other in down]
     places: dict[str, Array] = {}
@@ -114,8 +114,15 @@ def _around(centre: Array) -> list[Array]:
 def _is_allowed(place: Array, object_box: Box3 | None, space: FlightSpace) -> bool:
     if np.linalg.norm(place) > space.fence_radius_m - _OFF_FENCE_M:
         return False
+    for x_0, y_0, _, x_1, y_1, _ in space.no_go:
+        lower, upper = np.array([x_0, y_0]), np.array([x_1, y_1])
+        if _beside_m(place, lower, upper) < space.no_go_clearance_m:
+            return False
     if object_box is None:
         return True
-    lower, upper = object_box.lower[:2], object_box.upper[:2]
-    beside = np.maximum(0.0, np.maximum(lower - place, place - upper))
-    return bool(np.linalg.norm(beside) >= space.standoff_m)
+    return _beside_m(place, object_box.lower[:2], object_box.upper[:2]) >= space.standoff_m
+
+
+def _beside_m(place: Array, lower: Array, upper: Array) -> float:
+    """Return the distance of ``place`` ``(2,)`` from the rectangle, 0 inside."""
+    return float(np.linalg.norm(np.maximum(0.0, np.maximum(lower - place, place - upper))))

@@ -21,6 +21,7 @@ from server.mission.commands import MOST_PICTURES, CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import CaptureChanged, EventStream, FieldView, Noted
 from server.mission.eyes import Eye
+from server.mission.no_go import NoGo
 from server.mission.phases import AIRBORNE, Phase, Progress
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
@@ -55,7 +56,8 @@ class MissionTools:
         events: Where news goes.
         config: Numbers of everything that flies.
         priorities: The parts that the operator wants to have better pictures of.
-        console_checks: Returns the items of the checklist that concern no single drone.
+        no_go: The volumes that no drone may enter.
+        console_checks: Returns the items of the checklist that the drones themselves do not know.
     """
 
     fleet: Fleet
@@ -65,6 +67,7 @@ class MissionTools:
     events: EventStream
     config: FlightConfig
     priorities: Priorities
+    no_go: NoGo
     console_checks: Callable[[], list[Check]]
 
 
@@ -96,6 +99,7 @@ class Mission:
             tools.events,
             tools.config,
             tools.priorities,
+            tools.no_go,
         )
         self._reconstruction = Reconstruction(request, run, tools.runner, tools.events)
         self._steps = Steps(
@@ -107,6 +111,7 @@ class Mission:
                 pilot=tools.pilot,
                 events=tools.events,
                 config=tools.config,
+                no_go=tools.no_go,
                 photographer=self._photographer,
                 planning=self._planning,
                 reconstruction=self._reconstruction,

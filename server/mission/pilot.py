@@ -9,7 +9,7 @@ avoidance and the safety limits. When this loop stops, setpoints expire and the 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -62,6 +62,7 @@ class Pilot:
     Attributes:
         paused: While True every drone hovers, still avoiding.
         seed: The seed geometry once known: an obstacle, and what trimming aims at.
+        no_go: Columns of the room that no drone may enter, world.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Pilot:
     ) -> None:
         self.paused = False
         self.seed: SeedGeometry | None = None
+        self.no_go: tuple[Box3, ...] = ()
         self._config = config
         self._events = events
         self._target = TargetEstimator(config.vision.localization)
@@ -167,6 +169,15 @@ class Pilot:
         if at_s is None:
             return self._wings[drone_id].pose(asyncio.get_running_loop().time())
         return self._wings[drone_id].filter.pose(at_s)
+
+    def standing_places(self) -> dict[str, Array]:
+        """Return where drones that are not in the air are believed to stand, ``(3,)`` world."""
+        now_s = asyncio.get_running_loop().time()
+        return {
+            drone_id: wing.pose(now_s).position_world
+            for drone_id, wing in self._wings.items()
+            if not wing.drone.airborne
+        }
 
     def wind(self, drone_id: str) -> Array:
         """Return the world velocity ``(3,)``, m/s, that a drone has beyond what it is told."""
@@ -286,7 +297,9 @@ class Pilot:
             return
         planner = self._config.planner
         obstacle = self._obstacle(target)
-        shunned = [obstacle, *(self._left_behind if self.seed is None else ())]
+        objects = [*(self._left_behind if self.seed is None else ()), obstacle]
+        # Of two that contradict one another the later wins: where the object is, is a belief.
+        shunned = [*objects, *self.no_go]
         velocities = avoid(
             [*agents, *self._ghosts([wing for wing, _, _ in flying], now_s)],
             [Obstacle(box, self._config.safety.standoff_m) for box in shunned],
@@ -298,16 +311,16 @@ class Pilot:
         for (wing, pose, yaw_rate), velocity in zip(flying, velocities[: len(flying)], strict=True):
             steered = wing.drone.activity == "flying"
             setpoint = Setpoint(turned(velocity, -pose.yaw_rad), yaw_rate)
-            setpoint = self._limited(setpoint, pose, shunned)
+            setpoint = limit_setpoint(setpoint, pose, shunned, self._config.safety)
             if steered:
                 # Limits hold with the wind that is believed in, and with its doubtful part away.
                 velocity = turned(setpoint.velocity_m_s, pose.yaw_rad) - wing.doubtful_wind
                 setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
-                setpoint = self._limited(setpoint, pose, shunned)
+                setpoint = limit_setpoint(setpoint, pose, shunned, self._config.safety)
                 velocity = wing.against_wind(turned(setpoint.velocity_m_s, pose.yaw_rad))
                 setpoint = replace(setpoint, velocity_m_s=turned(velocity, -pose.yaw_rad))
             others = [other for other in poses if other is not pose]
-            readings = flight_readings(pose, others, obstacle, self._config.safety)
+            readings = flight_readings(pose, others, [obstacle, *self.no_go], self._config.safety)
             ages = wing.ages(now_s)
             readings = replace(
                 readings,
@@ -320,12 +333,6 @@ class Pilot:
             told = turned(setpoint.velocity_m_s, pose.yaw_rad) if taken else np.zeros(3)
             turn_rad_s = setpoint.yaw_rate_rad_s if taken else 0.0
             wing.was_told(told, turn_rad_s, now_s, self._dt_s)
-
-    def _limited(self, setpoint: Setpoint, pose: CameraPose, shunned: Sequence[Box3]) -> Setpoint:
-        # The object's own limits come last, because of two that contradict the later one wins.
-        for box in reversed(shunned):
-            setpoint = limit_setpoint(setpoint, pose, box, self._config.safety)
-        return setpoint
 
     @staticmethod
     def _ghosts(wings: Iterable[Wing], now_s: float) -> list[Agent]:

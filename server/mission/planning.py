@@ -18,7 +18,8 @@ from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.events import EventStream, Noted, PlanFound, PlanProgressed
+from server.mission.events import EventStream, NoGoVolume, Noted, PlanFound, PlanProgressed
+from server.mission.no_go import NoGo
 from server.mission.priorities import Priorities
 from server.planner.errors import PlanError
 from server.planner.ring import Rounds, ring_assignment, standard_ring
@@ -37,6 +38,7 @@ class Planning:
         events: EventStream,
         config: FlightConfig,
         priorities: Priorities,
+        no_go: NoGo,
     ) -> None:
         self._request = request
         self._folder = folder
@@ -44,6 +46,8 @@ class Planning:
         self._events = events
         self._config = config
         self._priorities = priorities
+        self._no_go = no_go
+        self._planned_around: tuple[NoGoVolume, ...] = ()
         self._job: Job | None = None
 
     async def rounds(
@@ -77,8 +81,9 @@ class Planning:
 
     @property
     def outdated(self) -> bool:
-        """True when the operator's parts of priority are others than those of the plan."""
-        return self._request.mode == "optimized" and self._priorities.unplanned
+        """True when the operator's parts or no-go volumes are others than those of the plan."""
+        changed = self._priorities.unplanned or self._planned_around != self._no_go.volumes
+        return self._request.mode == "optimized" and changed
 
     async def rounds_anew(
         self,
@@ -118,6 +123,7 @@ class Planning:
         views: int,
         taken: Sequence[CameraPose] = (),
     ) -> PlanResult:
+        self._planned_around = self._no_go.volumes
         wanted = PlanInput(
             outer=(seed.outer.lower.tolist(), seed.outer.upper.tolist()),
             boxes=[(box.lower.tolist(), box.upper.tolist()) for box in seed.boxes],
@@ -128,7 +134,7 @@ class Planning:
             taken=[_place(pose) for pose in taken],
             rounds=_rounds(views, poses),
             pictures=views,
-            config=asdict(self._config.planner),
+            config=asdict(self._no_go.within(self._config.planner)),
             priorities=[
                 (part.box.lower.tolist(), part.box.upper.tolist(), part.weight)
                 for part in self._priorities.of_seed(seed)
@@ -169,6 +175,7 @@ class Planning:
         camera: DroneConfig,
         views: int,
     ) -> Assignment:
+        self._planned_around = self._no_go.volumes
         viewpoints = self._ring_views(seed, poses, camera, views)
         assignment = ring_assignment(list(poses), viewpoints)
         chosen = tuple(view for entry in viewpoints for view in entry)
@@ -189,7 +196,7 @@ class Planning:
             _rounds(views, poses),
             camera.intrinsics,
             float(np.deg2rad(camera.tilt_deg)),
-            self._config.planner,
+            self._no_go.within(self._config.planner),
             [float(np.arctan2(offset[1], offset[0])) for offset in offsets],
         )
 

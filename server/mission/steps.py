@@ -22,6 +22,7 @@ from server.mission.config import FlightConfig
 from server.mission.events import EventStream, Level, Noted
 from server.mission.eyes import Eye
 from server.mission.landing import Down, Landing, landing_places
+from server.mission.no_go import NoGo
 from server.mission.phases import Phase
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
@@ -30,7 +31,9 @@ from server.mission.record import CaptureRecorder
 from server.mission.seeding import Seeding
 from server.mission.state import MissionState
 from server.mission.takeover import orphans, share_out
+from server.planner.config import FlightSpace
 from server.planner.errors import PlanError
+from server.planner.no_go import intrusion
 from server.stages import Assignment, Viewpoint
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
@@ -66,11 +69,12 @@ class StepTools:
         pilot: Gets drones to goals.
         events: Where news goes.
         config: Numbers of everything that flies.
+        no_go: The volumes that no drone may enter.
         photographer: Takes the pictures.
         planning: Decides where.
         reconstruction: Turns them into a field.
         recorder: The capture's record.
-        console_checks: Returns the items of the checklist that concern no single drone.
+        console_checks: Returns the items of the checklist that the drones themselves do not know.
     """
 
     fleet: Fleet
@@ -78,6 +82,7 @@ class StepTools:
     pilot: Pilot
     events: EventStream
     config: FlightConfig
+    no_go: NoGo
     photographer: Photographer
     planning: Planning
     reconstruction: Reconstruction
@@ -157,7 +162,8 @@ class Steps:
         now_s = asyncio.get_running_loop().time()
         drones = (self._tools.fleet.drones[d] for d in self._state.drones)
         checks = [c for d in drones for c in check_drone(d, now_s, self._tools.config.safety)]
-        return [*checks, *self._tools.console_checks()]
+        others = {d for d in self._tools.fleet.drones if d not in self._state.drones}
+        return [*checks, *(c for c in self._tools.console_checks() if c.drone_id not in others)]
 
     def _problems(self) -> list[Check]:
         return problems(self._checks(), self._request.overrides)
@@ -303,6 +309,7 @@ class Steps:
         state, planning = self._state, self._tools.planning
         more = state.more_wanted
         if not (planning.outdated or more) or not state.crew or state.seed is None:
+            self._leave_out_barred(next_round)
             return
         state.more_wanted = False
         photographer = self._tools.photographer
@@ -320,6 +327,23 @@ class Steps:
             flown = state.assignment.rounds[:next_round]
             state.assignment = Assignment(flown + assignment.rounds)
             state.progress = state.progress.with_rounds(len(state.assignment.rounds))
+        self._leave_out_barred(next_round)
+
+    def _leave_out_barred(self, next_round: int) -> None:
+        """Give up viewpoints that stand in no-go volumes by now, and no plan has replaced."""
+        state = self._state
+        rows, space = state.assignment.rounds[next_round:], self._space()
+        kept = tuple(
+            {d: view for d, view in row.items() if not intrusion(view.position_world, space)}
+            for row in rows
+        )
+        given_up = sum(map(len, rows)) - sum(map(len, kept))
+        if given_up:
+            left = tuple(row for row in kept if row)
+            state.assignment = Assignment(state.assignment.rounds[:next_round] + left)
+            state.progress = state.progress.with_rounds(len(state.assignment.rounds))
+            text = f"{given_up} viewpoints are left out: they stand too near a no-go volume."
+            self._note("warning", text)
 
     async def _share_out_the_rest(self) -> None:
         """After an interruption: share out all viewpoints without a picture, from this round on."""
@@ -352,7 +376,7 @@ class Steps:
         state = self._state
         assert state.seed is not None
         poses = {d: self._tools.pilot.pose(d) for d in state.crew}
-        centre, space = state.seed.outer.centre, self._tools.config.planner.space
+        centre, space = state.seed.outer.centre, self._space()
         state.assignment, given_up = await asyncio.to_thread(
             share_out, assignment, next_round, orphaned, poses, centre, space
         )
@@ -403,7 +427,7 @@ class Steps:
             },
             down,
             self._state.object_box,
-            self._tools.config.planner.space,
+            self._space(),
         )
         aside: dict[str, Viewpoint] = {}
         low: dict[str, Viewpoint] = {}
@@ -416,6 +440,10 @@ class Steps:
             low[drone_id] = Viewpoint(np.append(place, _LOW_M), pose.yaw_rad)
         await self._go_by_themselves(aside, _MOVE_ASIDE_S)
         await self._go_by_themselves(low, _GO_LOW_S)
+
+    def _space(self) -> FlightSpace:
+        """Return the room that drones may use now."""
+        return self._tools.no_go.within(self._tools.config.planner).space
 
     async def _go_by_themselves(self, wanted: Mapping[str, Viewpoint], timeout_s: float) -> None:
         """Get drones to viewpoints, whatever becomes of the others; a stop ends it for a drone."""

@@ -28,7 +28,8 @@ class FlightSpace:
         separation_m: Least distance between viewpoints occupied at the same time.
         downwash_factor: How many times the separation two drones keep when one is above the other.
         no_go: Volumes that no drone may enter, each as the x, y, z of its lower and then of its
-            upper corner, world metres. They do not hide the object.
+            upper corner, world metres; in flight they reach from the floor to the ceiling. They do
+            not hide the object.
         no_go_clearance_m: Distance that planned poses and ways keep from them.
     """
 
@@ -40,7 +41,7 @@ class FlightSpace:
     separation_m: float = 1.0
     downwash_factor: float = 2.0
     no_go: tuple[tuple[float, float, float, float, float, float], ...] = ()
-    no_go_clearance_m: float = 0.3
+    no_go_clearance_m: float = 0.8
 
     def __post_init__(self) -> None:
         _require(self.fence_radius_m > 0, "fence_radius_m", "positive")

@@ -27,7 +27,7 @@ def space_within(
         fence_radius_m: Safety limit of the distance from the world's z axis.
         floor_m: Safety limit of the height, below.
         ceiling_m: Safety limit of the height, above.
-        standoff_m: Safety limit of the distance to the object's box.
+        standoff_m: Safety limit of the distance to the object's box and to no-go volumes.
 
     Raises:
         ValueError: If no room is left.
@@ -38,6 +38,7 @@ def space_within(
         floor_m=max(space.floor_m, floor_m + _ROOM_TO_FLOOR_M),
         ceiling_m=min(space.ceiling_m, ceiling_m - _ROOM_M),
         standoff_m=max(space.standoff_m, standoff_m + _ROOM_TO_OBJECT_M),
+        no_go_clearance_m=max(space.no_go_clearance_m, standoff_m + _ROOM_TO_OBJECT_M),
     )
 
 
@@ -62,7 +63,7 @@ def margin_fault(
         fence_radius_m: Safety limit of the distance from the world's z axis.
         floor_m: Safety limit of the height, below.
         ceiling_m: Safety limit of the height, above.
-        standoff_m: Safety limit of the distance to the object's box.
+        standoff_m: Safety limit of the distance to the object's box and to no-go volumes.
         separation_m: Distance between two drones at which a safety rule fires.
         max_speed_m_s: Fastest setpoint that the safety rules let through.
         margin_m: Least margin of each.

@@ -231,6 +231,8 @@ class _Flight:
                 await self._planning.plan_anew()
             case "priorities_changed":
                 self._planning.set_parts(fields["parts"], self._now_s)
+            case "no_go_changed":
+                self._planning.set_no_go(fields["volumes"])
             case "object_pointed_out":
                 self._point_out(fields["drone_id"], fields["box"])
             case _:

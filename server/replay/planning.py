@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+
+from server.geometry.boxes import Box3
 from server.mission.commands import CaptureRequest, RefusedError
 from server.mission.config import FlightConfig
-from server.mission.events import EventStream, Noted
+from server.mission.events import EventStream, NoGoVolume, Noted
+from server.mission.no_go import NoGo
 from server.mission.pilot import Pilot
 from server.mission.planning import Planning
 from server.mission.priorities import Priorities
@@ -62,10 +66,26 @@ class RecordedPlanning:
         # Of drones, parts and plans take only what recordings hold.
         drones = cast("dict[str, Drone]", fleet.drones)
         self._priorities = Priorities(drones, pilot, events)
-        self._planning = Planning(request, Path(), PromptRunner(), events, config, self._priorities)
+        self._no_go = NoGo(None, pilot, config.planner, config.safety, events)
+        self._planning = Planning(
+            request, Path(), PromptRunner(), events, config, self._priorities, self._no_go
+        )
         self._parts: dict[str, str | None] = {}  # Own names of the flight's parts; None: refused.
         self._taken: list[CameraPose] = []
         self._between_rounds: _Outset | None = None
+
+    def set_no_go(self, volumes: list[dict[str, Any]]) -> None:
+        """Take over the no-go volumes, as ``NoGoChanged`` has them."""
+        self._no_go.take_over(
+            tuple(
+                NoGoVolume(
+                    each["id"],
+                    Box3(np.array(each["box"]["lower"]), np.array(each["box"]["upper"])),
+                    each["configured"],
+                )
+                for each in volumes
+            )
+        )
 
     def set_parts(self, parts: list[dict[str, Any]], at_s: float) -> None:
         """Take over the operator's parts of priority, as ``PrioritiesChanged`` has them."""

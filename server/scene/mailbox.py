@@ -13,6 +13,7 @@ from server.mission.events import (
     DroneReported,
     Event,
     FrameAnnotated,
+    NoGoChanged,
     PlanFound,
     PlanViewChosen,
     PoseEstimated,
@@ -50,6 +51,8 @@ class Mailbox:
                 slot = ("seed", None)
             case PrioritiesChanged():
                 slot = ("priorities", None)
+            case NoGoChanged():
+                slot = ("no-go", None)
             case PlanFound():
                 slot = ("plan", None)
             case PlanViewChosen():

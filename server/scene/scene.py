@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import TracebackType
 
@@ -24,6 +24,7 @@ from server.mission.events import (
     Event,
     EventStream,
     FrameAnnotated,
+    NoGoChanged,
     PlanFound,
     PlanViewChosen,
     PoseEstimated,
@@ -37,7 +38,8 @@ from server.scene.capture_nodes import CaptureLayer
 from server.scene.config import SceneConfig
 from server.scene.drone_nodes import DroneLayer
 from server.scene.mailbox import Mailbox
-from server.scene.shapes import circle, rgb_from_hex
+from server.scene.room_nodes import RoomLayer
+from server.scene.shapes import rgb_from_hex
 
 logger = logging.getLogger(__name__)
 
@@ -47,23 +49,14 @@ _CAMERA_POSITION = (3.0, -3.0, 2.0)
 
 
 class Stage:
-    """Floor, axes and everything that events draw; call it from one thread."""
+    """Everything that events draw; call it from one thread."""
 
     def __init__(self, scene: viser.SceneApi, config: SceneConfig) -> None:
         self._captures = CaptureLayer(scene, config)
         self._drones = DroneLayer(scene, config)
         self._failed: set[type] = set()
         scene.set_up_direction("+z")
-        scene.add_grid("/world/floor", config.floor_m, config.floor_m, plane="xy", cell_size=0.5)
-        scene.add_frame("/world/axes", axes_length=0.5, axes_radius=0.01)
-        scene.add_line_segments(
-            "/world/start_circle",
-            # A little above the floor, so that the two do not flicker through each other.
-            points=circle(config.start_radius_m, 0.005),
-            colors=(90, 140, 200),
-            thickness=2.0,
-            thickness_units="screen",
-        )
+        self._room = RoomLayer(scene, config)
 
     def draw(self, event: Event, now_s: float) -> None:
         """Draw ``event``; a failure is logged, the first time of its kind with its traceback."""
@@ -91,6 +84,8 @@ class Stage:
                 self._captures.draw_seed(event)
             case PrioritiesChanged():
                 self._captures.draw_priorities(event)
+            case NoGoChanged():
+                self._room.draw_no_go(event)
             case PlanFound():
                 self._captures.draw_plan(event)
             case PlanViewChosen():
@@ -187,9 +182,15 @@ class SceneView:
     ) -> None:
         await asyncio.to_thread(self.stop)
 
-    async def follow(self, events: EventStream) -> None:
-        """Draw events until cancelled; it ends early, and logs why, only if it breaks itself."""
+    async def follow(self, events: EventStream, standing: Iterable[Event] = ()) -> None:
+        """Draw what is ``standing`` and then events, until cancelled.
+
+        It ends early, and logs why, only if it breaks itself.
+        """
         work = asyncio.Event()
+        for event in standing:
+            if self._mailbox.offer(event):
+                work.set()
         try:
             with events.subscribe() as subscription:
                 async with asyncio.TaskGroup() as tasks:

@@ -11,6 +11,7 @@ Symbols: positions and velocities are ``(3,)`` world metres; a way is an array `
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
@@ -40,7 +41,7 @@ def coastable(
     position: Array,
     velocity: Array,
     yaw_rate: float,
-    target: Box3 | None,
+    obstacles: Sequence[Box3],
     config: SafetyConfig,
     unsure_m: float = 0.0,
 ) -> Array:
@@ -54,9 +55,9 @@ def coastable(
         position: Where it is believed to be ``(3,)``.
         velocity: What it is to fly ``(3,)``.
         yaw_rate: How it turns meanwhile, rad/s.
-        target: The object's box, None before it is known.
+        obstacles: Boxes of the object once it is known, and of no-go volumes.
         config: Fence, ceiling, clearance.
-        unsure_m: How far from there it may be; the object's clearance grows by it, as independent
+        unsure_m: How far from there it may be; clearance of obstacles grows by it, as independent
             errors add. The fence does not: the planner keeps off it, and in trials flights took
             twice as long.
     """
@@ -65,21 +66,20 @@ def coastable(
     slower[2] = min(float(velocity[2]), headroom_m / config.coast_s)
     way = _ways(slower, yaw_rate, config.coast_s * _SHARES)
     slower[:2] *= _share_inside(position[:2], way[..., :2].reshape(-1, 2), _inside_m(config))
-    if target is None:
+    if not obstacles:
         return slower
     clearance_m = _clearance_m(config, unsure_m)
-    return slower * _share_clear(position, slower, yaw_rate, target, clearance_m, config.coast_s)
+    return slower * _share_clear(position, slower, yaw_rate, obstacles, clearance_m, config.coast_s)
 
 
 def past_limit(
-    position: Array, target: Box3 | None, config: SafetyConfig, unsure_m: float = 0.0
+    position: Array, obstacles: Sequence[Box3], config: SafetyConfig, unsure_m: float = 0.0
 ) -> bool:
-    """Return whether a drone is nearer to fence or object than a coasting one may come."""
+    """Return whether a drone is nearer to fence or obstacles than a coasting one may come."""
     if float(np.hypot(position[0], position[1])) > _inside_m(config):
         return True
-    if target is None:
-        return False
-    return float(_distances_m(position, target)) < _clearance_m(config, unsure_m)
+    clearance_m = _clearance_m(config, unsure_m)
+    return any(float(_distances_m(position, box)) < clearance_m for box in obstacles)
 
 
 def _inside_m(config: SafetyConfig) -> float:
@@ -88,14 +88,14 @@ def _inside_m(config: SafetyConfig) -> float:
 
 
 def _clearance_m(config: SafetyConfig, unsure_m: float) -> float:
-    """Return how far from the object a coasting drone must be believed to stay."""
+    """Return how far from an obstacle a coasting drone must be believed to stay."""
     return math.hypot(config.coast_clearance_m, unsure_m)
 
 
-def _distances_m(points: Array, target: Box3, axes: int = 3) -> Array:
-    """Return the distances to the object, reaching down without end, or along the first axes."""
-    down = np.array([*target.lower[:2], -np.inf])
-    away = points - np.minimum(np.maximum(points, down), target.upper)
+def _distances_m(points: Array, box: Box3, axes: int = 3) -> Array:
+    """Return the distances to a box that reaches down without end, or along the first axes."""
+    down = np.array([*box.lower[:2], -np.inf])
+    away = points - np.minimum(np.maximum(points, down), box.upper)
     return np.sqrt((away[..., :axes] ** 2).sum(axis=-1))
 
 
@@ -103,27 +103,31 @@ def _share_clear(
     position: Array,
     velocity: Array,
     yaw_rate: float,
-    target: Box3,
+    obstacles: Sequence[Box3],
     clearance_m: float,
     coast_s: float,
 ) -> float:
-    """Return the share of ``velocity``, at most 1, with which a coasting drone misses the object.
+    """Return the share of ``velocity``, at most 1, with which a coasting drone misses obstacles.
 
-    The object reaches down without end: a drone that sinks stops above the floor and flies on.
-    Where the drone comes down, the object is a column without end; a drone above the object is
-    asked for that only if any share carries it clear.
+    They reach down without end: a drone that sinks stops above the floor and flies on. Where the
+    drone comes down, they are columns without end; a drone above one is asked for that only if any
+    share carries it clear.
     """
     # Nearer than it should be already: no nearer.
-    room_m = min(clearance_m, float(_distances_m(position, target))) - _ROUNDING_M
+    rooms_m = [min(clearance_m, float(_distances_m(position, b))) - _ROUNDING_M for b in obstacles]
     way = _ways(velocity, yaw_rate, coast_s * _SHARES)
     end = _ways(velocity, yaw_rate, _LANDS_S)
 
     def passes(shares: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return for each share whether the whole way is clear, and whether its end is as well."""
         scales = shares[:, None, None, None]  # The scaled way is the way of the scaled velocity.
-        way_m = _distances_m(position + scales * way, target).min(axis=(1, 2))
-        end_m = _distances_m(position + scales * end, target, axes=2).min(axis=(1, 2))
-        return way_m >= room_m, (way_m >= room_m) & (end_m >= clearance_m)
+        ways, ends = position + scales * way, position + scales * end
+        clear = np.ones(len(shares), bool)
+        lands = np.ones(len(shares), bool)
+        for box, room_m in zip(obstacles, rooms_m, strict=True):
+            clear &= _distances_m(ways, box).min(axis=(1, 2)) >= room_m
+            lands &= _distances_m(ends, box, axes=2).min(axis=(1, 2)) >= clearance_m
+        return clear, clear & lands
 
     if passes(np.ones(1))[1][0]:
         return 1.0

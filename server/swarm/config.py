@@ -282,7 +282,7 @@ class SafetyConfig:
         fence_radius_m: Drones stay within this distance of the world's z axis, metres.
         floor_m: Lowest flying height of the camera above the floor, metres.
         ceiling_m: Greatest flying height, metres.
-        standoff_m: Smallest distance to the object's box, metres.
+        standoff_m: Smallest distance to the object's box and to no-go volumes, metres.
         max_speed_m_s: No setpoint is faster, metres per second.
         max_yaw_rate_rad_s: No setpoint turns faster, radians per second.
         evade_m_s: A drone that hovers for a failsafe still evades others up to this speed.

@@ -28,7 +28,7 @@ class FlightReadings:
         fence_m: Metres beyond the fence, negative inside.
         ceiling_m: Metres above the ceiling, negative below.
         floor_m: Metres below the lowest flying height, negative above.
-        standoff_m: Distance to the object's box, metres.
+        standoff_m: Distance to the nearest of the object's box and the no-go volumes, metres.
         separation_m: Distance to the nearest other flying drone, metres.
         pose_sigma_m: Standard deviation of the believed position, metres.
         object_age_s: Seconds since the drone last saw the object where it may be, None before the
@@ -114,7 +114,7 @@ _WORDS = {
     "fence_m": "{:.1f} m beyond the fence",
     "ceiling_m": "{:.1f} m above the ceiling",
     "floor_m": "{:.2f} m too low",
-    "standoff_m": "{:.2f} m from the object",
+    "standoff_m": "{:.2f} m from what it keeps away from",
     "separation_m": "another drone {:.2f} m away",
     "pose_sigma_m": "position uncertain by {:.2f} m",
     "object_age_s": "has not seen the object where it should be for {:.0f} s",
@@ -162,7 +162,7 @@ class FailsafeTable:
         fence_m: Metres beyond the fence radius.
         ceiling_m: Metres above the ceiling.
         floor_m: Metres below the lowest flying height.
-        standoff_m: Metres to the object's box; fires at or below.
+        standoff_m: Metres to the object's box or a no-go volume; fires at or below.
         separation_m: Metres to the next drone; fires at or below.
         pose_sigma_m: Fence, standoff and separation are as good as the believed position.
         object_age_s: The object bounds the drift of the believed pose.

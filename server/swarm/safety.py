@@ -10,7 +10,7 @@ Symbols: positions and velocities are ``(3,)`` world metres unless the name says
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,27 +97,23 @@ def take_off_refusals(
 
 
 def flight_readings(
-    pose: CameraPose, others: Iterable[CameraPose], target: Box3 | None, config: SafetyConfig
+    pose: CameraPose, others: Iterable[CameraPose], obstacles: Iterable[Box3], config: SafetyConfig
 ) -> FlightReadings:
     """Return what a believed pose means for the failsafe table.
 
     Args:
         pose: The drone's believed pose.
         others: Those of the other flying drones.
-        target: The object's box, world, or None before it is known.
+        obstacles: The boxes of the object and of no-go volumes, world.
         config: Fence and ceiling.
     """
     position = pose.position_world
     apart = (float(np.linalg.norm(position - other.position_world)) for other in others)
-    standoff = None
-    if target is not None:
-        outside = position - np.clip(position, target.lower, target.upper)
-        standoff = float(np.linalg.norm(outside))
     return FlightReadings(
         fence_m=math.hypot(position[0], position[1]) - config.fence_radius_m,
         ceiling_m=float(position[2]) - config.ceiling_m,
         floor_m=config.floor_m - float(position[2]),
-        standoff_m=standoff,
+        standoff_m=min((box.distance(position) for box in obstacles), default=None),
         separation_m=min(apart, default=None),
         pose_sigma_m=pose.position_sigma_m,
     )
@@ -157,12 +153,13 @@ def _coast_unsure_m(pose: CameraPose) -> float:
 
 
 def limit_setpoint(
-    setpoint: Setpoint, pose: CameraPose, target: Box3 | None, config: SafetyConfig
+    setpoint: Setpoint, pose: CameraPose, obstacles: Sequence[Box3], config: SafetyConfig
 ) -> Setpoint:
     """Return the setpoint, slowed so that the drone stays within fence, floor, ceiling, standoff.
 
     Towards each limit a drone may fly at distance / ``brake_s``; past a limit this becomes a slow
-    retreat. Fence, floor and ceiling have the last word over the standoff. The fence is drawn in by
+    retreat. Of two obstacles that contradict one another the later has the last word, and fence,
+    floor and ceiling have it over the standoff. The fence is drawn in by
     what is unsure about the pose. No velocity would do harm if the link died with it, see
     ``server.swarm.coasting``: that has the very last word, also over a retreat. Where a drone that
     is past a limit cannot both turn and go back, it does not turn.
@@ -170,7 +167,7 @@ def limit_setpoint(
     Args:
         setpoint: Wanted body velocity and yaw rate.
         pose: The drone's believed pose; its heading turns body velocities into world ones.
-        target: The object's box, world, or None before it is known.
+        obstacles: Boxes to keep away from, world: the object's once it is known, no-go volumes.
         config: Thresholds.
     """
     turn = _rotation_z(pose.yaw_rad)
@@ -181,35 +178,40 @@ def limit_setpoint(
         velocity = velocity * (config.max_speed_m_s / speed)
     rate = setpoint.yaw_rate_rad_s if math.isfinite(setpoint.yaw_rate_rad_s) else 0.0
     rate = min(max(rate, -config.max_yaw_rate_rad_s), config.max_yaw_rate_rad_s)
-    limited = _limited(pose, velocity, rate, target, config)
-    if rate and past_limit(pose.position_world, target, config, _coast_unsure_m(pose)):
-        straight = _limited(pose, velocity, 0.0, target, config)
+    limited = _limited(pose, velocity, rate, obstacles, config)
+    if rate and past_limit(pose.position_world, obstacles, config, _coast_unsure_m(pose)):
+        straight = _limited(pose, velocity, 0.0, obstacles, config)
         if np.linalg.norm(straight) > np.linalg.norm(limited) + _SLOWER_M_S:
             limited, rate = straight, 0.0
     return Setpoint(turn.T @ limited, rate)
 
 
 def _limited(
-    pose: CameraPose, velocity: Array, yaw_rate: float, target: Box3 | None, config: SafetyConfig
+    pose: CameraPose,
+    velocity: Array,
+    yaw_rate: float,
+    obstacles: Sequence[Box3],
+    config: SafetyConfig,
 ) -> Array:
     """Return the world velocity ``(3,)``, kept to every limit, of a drone that turns as well."""
     position, unsure_m = pose.position_world, _coast_unsure_m(pose)
-    coasting = coastable(position, velocity, yaw_rate, target, config, unsure_m)
+    coasting = coastable(position, velocity, yaw_rate, obstacles, config, unsure_m)
     fence_m = fence_for(pose, config)
-    limits, limited = _limits(position, target, fence_m, config), coasting
-    # Limits may disturb one another; a second pass settles all but contradictory ones.
-    for _ in range(2):
+    limits, limited = _limits(position, obstacles, fence_m, config), coasting
+    # Limits may disturb one another; a second pass settles all but contradictory ones, and one more
+    # for each further obstacle.
+    for _ in range(max(2, 1 + len(obstacles))):
         for limit in limits:
             limited = limit.apply(limited)
     if np.array_equal(limited, coasting):
         return limited
     # What they made of it may lead elsewhere: a retreat from the fence to the object, or back.
-    coasting = coastable(position, limited, yaw_rate, target, config, unsure_m)
+    coasting = coastable(position, limited, yaw_rate, obstacles, config, unsure_m)
     if all(limit.allows(coasting) for limit in limits):
         return coasting
     # Slowed along one axis only, it turned towards a limit: slow the others as much.
     evenly = _slowed_evenly(limited, coasting)
-    flies_on = coastable(position, evenly, yaw_rate, target, config, unsure_m)
+    flies_on = coastable(position, evenly, yaw_rate, obstacles, config, unsure_m)
     retreats = all(limit.allows(evenly) for limit in limits if limit.allows(coasting))
     if retreats and np.allclose(flies_on, evenly, atol=_ROUNDING_M_S):
         return evenly
@@ -224,20 +226,17 @@ def _slowed_evenly(velocity: Array, slower: Array) -> Array:
 
 
 def _limits(
-    position: Array, target: Box3 | None, fence_m: float, config: SafetyConfig
+    position: Array, obstacles: Sequence[Box3], fence_m: float, config: SafetyConfig
 ) -> list[_Limit]:
     def towards(normal: Array, distance_m: float) -> _Limit:
         return _Limit(normal, max(distance_m / config.brake_s, -_RETREAT_M_S))
 
     limits: list[_Limit] = []
-    if target is not None:
-        away = position - np.clip(position, target.lower, target.upper)
+    for box in obstacles:
+        away = position - np.clip(position, box.lower, box.upper)
         distance_m = float(np.linalg.norm(away))
         if distance_m < 1e-6:  # Inside the box: out by the shortest horizontal way.
-            away = (position - target.centre) * [1.0, 1.0, 0.0]
-            if np.linalg.norm(away) < 1e-6:
-                away = np.array([1.0, 0.0, 0.0])
-            distance_m = 0.0
+            away, distance_m = _way_out(position, box), 0.0
         limits.append(towards(-away / np.linalg.norm(away), distance_m - config.standoff_m))
     radius_m = math.hypot(position[0], position[1])
     if radius_m > 1e-6:
@@ -246,6 +245,15 @@ def _limits(
     limits.append(towards(np.array([0.0, 0.0, 1.0]), config.ceiling_m - position[2]))
     limits.append(towards(np.array([0.0, 0.0, -1.0]), position[2] - config.floor_m))
     return limits
+
+
+def _way_out(position: Array, box: Box3) -> Array:
+    """Return the direction ``(3,)`` of the side of ``box`` that is nearest, upright ones only."""
+    depths = np.concatenate([box.upper[:2] - position[:2], position[:2] - box.lower[:2]])
+    side = int(np.argmin(depths))
+    way = np.zeros(3)
+    way[side % 2] = 1.0 if side < 2 else -1.0
+    return way
 
 
 def _rotation_z(yaw_rad: float) -> Array:

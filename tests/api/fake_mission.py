@@ -18,6 +18,7 @@ from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
 from server.mission.checklist import Check
 from server.mission.commands import (
+    Area,
     CaptureRecord,
     CaptureRequest,
     DroneCommand,
@@ -38,6 +39,7 @@ from server.mission.events import (
     FailsafeFired,
     FieldView,
     FrameAnnotated,
+    NoGoVolume,
     ObjectPointedOut,
     PlanFound,
     PriorityPart,
@@ -240,6 +242,8 @@ class FakeMission:
     operator: list[str] = field(default_factory=list)
     mission_config: MissionConfig = field(default_factory=MissionConfig)
     parts: dict[str, PriorityPart] = field(default_factory=dict)
+    volumes: dict[str, NoGoVolume] = field(default_factory=dict)
+    drawn: int = 0
     stops_told: list[tuple[str, str | None]] = field(default_factory=list)
     speechless: bool = False
 
@@ -278,6 +282,33 @@ class FakeMission:
             self.parts.clear()
         elif self.parts.pop(part_id, None) is None:
             raise UnknownError(f"there is no part of priority {part_id!r}")
+
+    def no_go(self) -> list[NoGoVolume]:
+        return list(self.volumes.values())
+
+    async def add_no_go(self, area: Area) -> NoGoVolume:
+        self.drawn += 1
+        return self._volume(f"no-go-{self.drawn}", area)
+
+    async def change_no_go(self, volume_id: str, area: Area) -> NoGoVolume:
+        if volume_id not in self.volumes:
+            raise UnknownError(f"there is no no-go volume {volume_id!r}")
+        return self._volume(volume_id, area)
+
+    async def drop_no_go(self, volume_id: str | None = None) -> None:
+        if volume_id is None:
+            self.volumes.clear()
+        elif self.volumes.pop(volume_id, None) is None:
+            raise UnknownError(f"there is no no-go volume {volume_id!r}")
+
+    def _volume(self, volume_id: str, area: Area) -> NoGoVolume:
+        x_0, y_0, x_1, y_1 = area
+        if x_0 == x_1 or y_0 == y_1:
+            raise RefusedError("a no-go volume needs sides of at least 0.05 m")
+        lower = np.array([min(x_0, x_1), min(y_0, y_1), 0.0])
+        upper = np.array([max(x_0, x_1), max(y_0, y_1), 3.0])
+        self.volumes[volume_id] = NoGoVolume(volume_id, Box3(lower, upper))
+        return self.volumes[volume_id]
 
     def disk_free_mb(self) -> float | None:
         return 2500.0

@@ -29,7 +29,12 @@ from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
 from server.geometry.poses import look_at
-from server.mission.events import MetricsMeasured, PlanProgressed, TrainingProgressed
+from server.mission.events import (
+    MetricsMeasured,
+    NoGoChanged,
+    PlanProgressed,
+    TrainingProgressed,
+)
 from server.nerf.dataset import PosedFile, load_dataset, write_transforms
 from server.stages import Metrics
 from server.swarm.failsafes import FailsafeTable
@@ -389,6 +394,70 @@ async def test_the_plan_is_shown_to_whoever_comes_later(tmp_path: Path, browser:
         await page.reload()
         await expect(curve).to_have_attribute("data-points", "3")
         await expect(page.locator(".viewpoints tbody tr")).to_have_count(8)
+        await page.close()
+
+
+async def test_no_go_volumes_are_drawn_moved_typed_and_removed(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "plan")
+        await page.get_by_test_id("draw-no-go").click()
+        sketch = page.locator(".above .sketch")
+        await expect(sketch).to_have_class("sketch is-drawn-on")
+
+        async def drag(start: tuple[float, float], end: tuple[float, float]) -> None:
+            frame = await sketch.bounding_box()
+            assert frame is not None
+            # The floor is a square in the middle of its frame.
+            side = min(frame["width"], frame["height"])
+            left = frame["x"] + (frame["width"] - side) / 2
+            top = frame["y"] + (frame["height"] - side) / 2
+            await page.mouse.move(left + start[0] * side, top + start[1] * side)
+            await page.mouse.down()
+            await page.mouse.move(left + end[0] * side, top + end[1] * side, steps=4)
+            await page.mouse.up()
+
+        await drag((0.75, 0.25), (0.85, 0.4))
+        await until(lambda: list(console.mission.volumes) == ["no-go-1"])
+        drawn = console.mission.volumes["no-go-1"]
+        x_0, y_0, x_1, y_1 = drawn.area
+        # To the right and up is +X and +Y.
+        assert 0.0 < x_0 < x_1
+        assert 0.0 < y_0 < y_1
+        console.mission.events.publish(NoGoChanged((drawn,)))
+        await expect(page.get_by_test_id("area-no-go-1")).to_be_visible()
+
+        await drag((0.8, 0.3), (0.2, 0.3))
+        await until(lambda: console.mission.volumes["no-go-1"].area[2] < 0.0)
+        moved = console.mission.volumes["no-go-1"]
+        assert moved.area[1] == pytest.approx(y_0)
+        assert moved.area[2] - moved.area[0] == pytest.approx(x_1 - x_0)
+        console.mission.events.publish(NoGoChanged((moved,)))
+
+        # A finger that trembles moves nothing, and nobody draws by accident.
+        await drag((0.2, 0.3), (0.202, 0.302))
+        await page.get_by_test_id("draw-no-go").click()
+        await drag((0.2, 0.3), (0.7, 0.7))
+        await page.get_by_test_id("draw-no-go").click()
+        assert console.mission.volumes["no-go-1"] is moved
+
+        # The same by keys and numbers: the drag has chosen it.
+        east = page.get_by_label("X to", exact=True)
+        await east.fill("")
+        await expect(page.get_by_role("button", name="Apply")).to_be_disabled()
+        await east.fill("-0.25")
+        await page.get_by_role("button", name="Apply").click()
+        await until(lambda: console.mission.volumes["no-go-1"].area[2] == -0.25)
+        await page.get_by_role("button", name="Remove").click()
+        await until(lambda: console.mission.volumes == {})
+        console.mission.events.publish(NoGoChanged(()))
+        await expect(page.get_by_test_id("no-go")).to_have_count(0)
+        await page.get_by_test_id("add-no-go").click()
+        await until(lambda: list(console.mission.volumes) == ["no-go-2"])
+        assert await faults(page) == []
         await page.close()
 
 

@@ -91,33 +91,56 @@ async def test_pictures_and_results_travel_through_a_store(head: RayHead, tmp_pa
     assert list(store.iterdir()) == [], "the store is left as it was found"
 
 
+async def in_shell(head: RayHead, folder: Path, *command: str) -> dict[str, Any]:
+    """Run a command as whoever sweeps would, and return its result."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        *("-P", "-m", "server", *command, "--json"),
+        cwd=folder,
+        env=os.environ
+        | {
+            "DRONERF_RUNNER": "ray",
+            "DRONERF_RUNS": str(folder / "runs"),
+            "DRONERF_RAY__ADDRESS": head.address,
+            "DRONERF_RAY__PYTHON": sys.executable,
+            "DRONERF_RAY__CPUS": "1",
+        },
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    out, told = await process.communicate()
+    assert process.returncode == 0, told.decode()
+    result: dict[str, Any] = json.loads(out)
+    return result
+
+
+async def test_a_sweep_of_placements_gives_what_this_machine_gives(
+    head: RayHead, tmp_path: Path
+) -> None:
+    command = ("plan", "--size", "0.4x0.4x0.8", "--pictures", "8", "--seed")
+    one, two = await asyncio.gather(
+        *(in_shell(head, tmp_path, *command, seed) for seed in ("1", "2"))
+    )
+    for plan in (one, two):
+        assert len(plan["viewpoints"]) == 8
+        assert plan["fitness"] <= plan["bound"] + 1e-9
+    here = await asyncio.create_subprocess_exec(
+        sys.executable, "-P", "-m", "server", *command, "1", "--json", stdout=subprocess.PIPE
+    )
+    out, _ = await here.communicate()
+    assert json.loads(out) == one
+    # Each left its job on the cluster, and no file.
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
 async def test_a_sweep_from_the_shell_is_commands_side_by_side(
     head: RayHead, tmp_path: Path
 ) -> None:
     write_cut_out_scene(tmp_path / "data")
-    environment = os.environ | {
-        "DRONERF_RUNNER": "ray",
-        "DRONERF_RAY__ADDRESS": head.address,
-        "DRONERF_RAY__PYTHON": sys.executable,
-        "DRONERF_RAY__CPUS": "1",
-    }
-
-    async def train(seed: int) -> dict[str, Any]:
-        command = ["-P", "-m", "server", "train", "data", "--steps", "20", "--field-only", "--json"]
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            *command,
-            *("--seed", str(seed), "--runs", str(tmp_path / "runs")),
-            cwd=tmp_path,
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )
-        out, told = await process.communicate()
-        assert process.returncode == 0, told.decode()
-        return json.loads(out)
-
-    one, two = await asyncio.gather(train(1), train(2))
+    command = ("train", "data", "--steps", "20", "--field-only", "--seed")
+    one, two = await asyncio.gather(
+        *(in_shell(head, tmp_path, *command, seed) for seed in ("1", "2"))
+    )
     # Nothing but the runs is left.
     assert {str(run) for run in (tmp_path / "runs").iterdir()} == {one["run"], two["run"]}
     for result in (one, two):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -82,3 +84,12 @@ def test_a_drone_that_the_wind_drives_begins_to_land_upwind() -> None:
     assert np.linalg.norm(place + blown.drift_m) <= SPACE.fence_radius_m + 1e-9
     sheltered = Landing(at(2.0, 0.0), np.array([0.0, 0.5]))
     np.testing.assert_allclose(landing_places({"a": sheltered}, [], OBJECT, SPACE)["a"], [2.0, 0.0])
+
+
+def test_nobody_lands_beside_a_no_go_volume() -> None:
+    desk = (1.5, -0.5, 0.0, 2.5, 0.5, 3.0)
+    space = replace(SPACE, no_go=(desk,))
+    place = landing_places({"a": Landing(at(2.0, 0.0))}, [], OBJECT, space)["a"]
+    beside = np.maximum(0.0, np.maximum([1.5, -0.5] - place, place - [2.5, 0.5]))
+    assert np.linalg.norm(beside) >= space.no_go_clearance_m
+    assert np.linalg.norm(place) <= space.fence_radius_m

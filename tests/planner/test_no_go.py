@@ -24,7 +24,7 @@ OBJECT = seed_of(box(-0.2, -0.2, 0.0, 0.2, 0.2, 0.6))
 
 
 def config_with(*volumes: tuple[float, float, float, float, float, float]) -> PlannerConfig:
-    return PlannerConfig(space=FlightSpace(no_go=volumes))
+    return PlannerConfig(space=FlightSpace(no_go=volumes, no_go_clearance_m=0.3))
 
 
 def test_candidates_keep_clear_and_the_rest_stays() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from typing import Any, cast
 
@@ -12,8 +13,16 @@ from server.geometry.boxes import Box3
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig, MissionConfig
-from server.mission.events import Event, EventStream, Noted, PlanFound
+from server.mission.events import (
+    Event,
+    EventStream,
+    NoGoChanged,
+    NoGoVolume,
+    Noted,
+    PlanFound,
+)
 from server.mission.eyes import Sight
+from server.mission.flight_recording import event_message
 from server.mission.pilot import Pilot
 from server.planner.config import PlannerConfig
 from server.replay import prompt_jobs, seeding
@@ -106,6 +115,27 @@ async def test_every_plan_asks_for_the_parts_that_stand(monkeypatch: pytest.Monk
         "part-9 is not marked",
         "No new plan (no room)",
     ]
+
+
+async def test_plans_keep_clear_of_the_volumes_that_stood(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def plan(spec: JobSpec, _: object) -> dict[str, Any]:
+        asked.append(spec.parameters["config"]["space"]["no_go"])
+        raise ValueError("no room")
+
+    monkeypatch.setattr(prompt_jobs.plan, "run", plan)
+    rig = Rig()
+    request = CaptureRequest(pictures=12)
+    planning = RecordedPlanning(request, CONFIG, rig.fleet, rig.eyes, rig.pilot, rig.events)
+    rig.pilot.seed = SEED
+    box = Box3(np.array([3.0, 3.0, 0.0]), np.array([3.5, 3.5, 3.0]))
+    told = event_message(NoGoChanged((NoGoVolume("no-go-1", box),)))
+    planning.set_no_go(json.loads(told.encoded())["volumes"])
+    await planning.plan(1.0)
+    planning.set_no_go([])
+    await planning.plan(2.0)
+    assert [tuple(map(tuple, each)) for each in asked] == [((3.0, 3.0, 0.0, 3.5, 3.5, 3.0),), ()]
 
 
 async def test_without_a_geometry_there_is_no_plan() -> None:

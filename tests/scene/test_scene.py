@@ -29,6 +29,8 @@ from server.mission.events import (
     EventStream,
     FieldView,
     FrameAnnotated,
+    NoGoChanged,
+    NoGoVolume,
     PlanFound,
     PlanViewChosen,
     PoseEstimated,
@@ -353,8 +355,13 @@ async def test_the_view_follows_a_mission_and_ends_with_it() -> None:
     events = EventStream()
     async with SceneView() as view, asyncio.timeout(20):
         assert view.port > 0
-        following = asyncio.create_task(view.follow(events))
+        box = Box3(np.array([1.0, -1.0, 0.0]), np.array([2.0, 1.0, 3.0]))
+        standing = [NoGoChanged((NoGoVolume("no-go-1", box),))]
+        following = asyncio.create_task(view.follow(events, standing))
         await asyncio.sleep(0)
+        # What stood before anybody looked is drawn without any news.
+        while view.nodes.get_handle_by_name("/world/no_go") is None:  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
         while view.nodes.get_handle_by_name("/drones/d1/camera") is None:
             events.publish(pose())
             events.publish(frame())
@@ -427,6 +434,24 @@ def test_parts_of_priority_are_boxes_once_they_are_found(drawn: Drawn) -> None:
     assert points.max(axis=(0, 1)) == pytest.approx(box.upper)
     drawn.draw(PrioritiesChanged(()))
     assert not drawn.node("/seed/priorities").visible
+
+
+def test_no_go_volumes_are_boxes_of_the_room(drawn: Drawn) -> None:
+    drawn.draw(NoGoChanged(()))
+    assert drawn.scene.get_handle_by_name("/world/no_go") is None
+    box = Box3(np.array([1.0, -1.0, 0.0]), np.array([2.0, 1.0, 1.5]))
+    drawn.draw(NoGoChanged((NoGoVolume("no-go-1", box),)))
+    node = drawn.node("/world/no_go")
+    assert isinstance(node, viser.LineSegmentsHandle)
+    points = np.asarray(node.points)
+    assert points.min(axis=(0, 1)) == pytest.approx(box.lower)
+    assert points.max(axis=(0, 1)) == pytest.approx(box.upper)
+    drawn.draw(NoGoChanged(()))
+    assert not drawn.node("/world/no_go").visible
+    mailbox, newest = Mailbox(thumbnail_hz=5.0), NoGoChanged(())
+    assert mailbox.offer(NoGoChanged(()))
+    assert mailbox.offer(newest)
+    assert mailbox.take(0.0) == [newest]
 
 
 def test_priorities_replace_those_that_wait_to_be_drawn() -> None:

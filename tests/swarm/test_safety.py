@@ -91,7 +91,7 @@ def test_a_healthy_drone_may_take_off() -> None:
 
 def test_readings_of_a_pose() -> None:
     others = [pose_at(2.0, 3.0, 1.0), pose_at(2.0, 0.5, 1.0)]
-    readings = flight_readings(pose_at(2.0, 0.0, 1.0), others, TARGET, CONFIG)
+    readings = flight_readings(pose_at(2.0, 0.0, 1.0), others, [TARGET], CONFIG)
     assert readings.fence_m == pytest.approx(2.0 - CONFIG.fence_radius_m)
     assert readings.ceiling_m == pytest.approx(1.0 - CONFIG.ceiling_m)
     assert readings.standoff_m == pytest.approx(1.6)
@@ -100,7 +100,7 @@ def test_readings_of_a_pose() -> None:
 
 
 def test_what_is_not_there_is_not_measured() -> None:
-    readings = flight_readings(pose_at(2.0, 0.0, 1.0), [], None, CONFIG)
+    readings = flight_readings(pose_at(2.0, 0.0, 1.0), [], [], CONFIG)
     assert readings.standoff_m is None
     assert readings.separation_m is None
 
@@ -118,7 +118,9 @@ def limited_world_velocity(
     c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     wanted = Setpoint(turn.T @ velocity, 0.0)
-    return turn @ limit_setpoint(wanted, pose, target, CONFIG).velocity_m_s
+    return (
+        turn @ limit_setpoint(wanted, pose, [] if target is None else [target], CONFIG).velocity_m_s
+    )
 
 
 @given(
@@ -173,7 +175,7 @@ def test_every_setpoint_comes_out_finite_and_slow(
     x: float, y: float, z: float, wish: tuple[float, float, float, float], known: bool
 ) -> None:
     setpoint = Setpoint(np.array(wish[:3]), wish[3])
-    after = limit_setpoint(setpoint, pose_at(x, y, z), TARGET if known else None, CONFIG)
+    after = limit_setpoint(setpoint, pose_at(x, y, z), [TARGET] if known else [], CONFIG)
     assert np.isfinite(after.velocity_m_s).all()
     assert abs(after.yaw_rate_rad_s) <= CONFIG.max_yaw_rate_rad_s
     # A retreat from several limits at once may add to a wish, but only by its own small speed.
@@ -187,10 +189,10 @@ def distance_m(position: np.ndarray) -> float:
 def test_going_round_the_object_is_not_slowed() -> None:
     """A drone at 2.5 m that faces the middle while it goes round at 0.4 m/s."""
     wish = Setpoint(np.array([0.0, -0.4, 0.0]), 0.4 / 2.5)
-    after = limit_setpoint(wish, pose_at(2.5, 0.0, 1.0, math.pi), None, CONFIG)
+    after = limit_setpoint(wish, pose_at(2.5, 0.0, 1.0, math.pi), [], CONFIG)
     np.testing.assert_allclose(after.velocity_m_s, wish.velocity_m_s, atol=1e-9)
     straight = limit_setpoint(
-        Setpoint(wish.velocity_m_s, 0.0), pose_at(2.5, 0.0, 1.0, math.pi), None, CONFIG
+        Setpoint(wish.velocity_m_s, 0.0), pose_at(2.5, 0.0, 1.0, math.pi), [], CONFIG
     )
     assert np.linalg.norm(straight.velocity_m_s) < 0.3
 
@@ -210,7 +212,7 @@ def test_past_a_limit_the_drone_is_driven_back() -> None:
 
 def test_a_harmless_setpoint_passes_unchanged() -> None:
     wish = Setpoint(np.array([0.2, -0.1, 0.08]), 0.4)
-    after = limit_setpoint(wish, pose_at(2.0, 0.0, 1.2, 0.7), TARGET, CONFIG)
+    after = limit_setpoint(wish, pose_at(2.0, 0.0, 1.2, 0.7), [TARGET], CONFIG)
     np.testing.assert_allclose(after.velocity_m_s, wish.velocity_m_s)
     assert after.yaw_rate_rad_s == wish.yaw_rate_rad_s
 

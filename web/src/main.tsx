@@ -10,6 +10,7 @@ import "./styles/base.css";
 import "./styles/top.css";
 import "./styles/layout.css";
 import "./styles/screens.css";
+import "./styles/room.css";
 import "./styles/fly.css";
 import "./styles/pick.css";
 import "./styles/mission.css";

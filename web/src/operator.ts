@@ -11,6 +11,7 @@ import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
 import { cancelJob, startTraining, type TrainingWish } from "./api/jobs";
 import { deleteCapture } from "./api/library";
+import { addNoGo, changeNoGo, dropNoGo } from "./api/noGo";
 import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
 import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
@@ -22,6 +23,7 @@ import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
 import type { Sticks } from "./manual/sticks";
 import type { Place, ShareBox } from "./pick/box";
+import type { FloorArea } from "./room/area";
 import type { FieldView } from "./reconstruct/fieldView";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
@@ -170,6 +172,21 @@ export class Operator {
   /** Forget a part of priority; false, and an alarm, when it was refused. */
   dropPriority(partId: string): Promise<boolean> {
     return this.#carryOut(() => dropPriority(partId), words.pick.priorityFailed);
+  }
+
+  /** Let no drone enter a column of the room; false, and an alarm, when it was refused. */
+  addNoGo(area: FloorArea): Promise<boolean> {
+    return this.#carryOut(() => addNoGo(area), words.noGo.failed);
+  }
+
+  /** Give a volume another place; false, and an alarm, when it was refused. */
+  changeNoGo(id: string, area: FloorArea): Promise<boolean> {
+    return this.#carryOut(() => changeNoGo(id, area), words.noGo.failed);
+  }
+
+  /** Forget a volume; false, and an alarm, when it was refused. */
+  dropNoGo(id: string): Promise<boolean> {
+    return this.#carryOut(() => dropNoGo(id), words.noGo.failed);
   }
 
   /** Choose what the 3D scene shows, for everybody; false, and an alarm, when it was refused. */

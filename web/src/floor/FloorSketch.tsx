@@ -1,3 +1,7 @@
+import { useRef } from "react";
+import type { FloorArea, FloorPoint } from "../room/area";
+import { useFloorGesture, type FloorDrawing, type MarkedArea } from "../room/useFloorGesture";
+
 /** Something with a place and a heading on the floor, world metres and radians. */
 export interface Spot {
   readonly key: string;
@@ -23,9 +27,14 @@ interface FloorSketchProps {
   }[];
   /** The object's outline, corners in world metres. */
   readonly object: { readonly from: readonly [number, number]; readonly to: readonly [number, number] } | null;
+  /** Rectangles that no drone may enter. */
+  readonly areas?: readonly MarkedArea[];
+  /** When given, rectangles are drawn and moved by dragging. */
+  readonly drawing?: FloorDrawing;
   readonly label: string;
 }
 
+const NO_AREAS: readonly MarkedArea[] = [];
 /** Side of the drawing in its own units. */
 const SIDE = 400;
 /** A camera with what it looks at before it: a dot, and a wedge that opens along its heading. */
@@ -33,12 +42,31 @@ const VIEW = "M-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0M0 0 20-8M0 0 20 8";
 const SQRT_HALF = Math.SQRT1_2;
 
 /** The floor seen from above: +X to the right, +Y up, as the world's axes are. */
-export function FloorSketch({ reachM, circlesM, spots, trails = [], object, label }: FloorSketchProps) {
+export function FloorSketch(props: FloorSketchProps) {
+  const { reachM, circlesM, spots, trails = [], areas = NO_AREAS, drawing, object, label } = props;
+  const svg = useRef<SVGSVGElement>(null);
   const scale = SIDE / 2 / reachM;
   const place = (x: number, y: number) => [SIDE / 2 + x * scale, SIDE / 2 - y * scale] as const;
   const middle = SIDE / 2;
+  const world = (event: React.PointerEvent<SVGSVGElement>): FloorPoint => {
+    const toDrawing = svg.current?.getScreenCTM()?.inverse();
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(toDrawing);
+    return [(at.x - SIDE / 2) / scale, (SIDE / 2 - at.y) / scale];
+  };
+  const { shown, drawn, handlers } = useFloorGesture(areas, drawing, world);
+  const block = ([x0, y0, x1, y1]: FloorArea) => {
+    const [left, top] = place(x0, y1);
+    return { x: left, y: top, width: (x1 - x0) * scale, height: (y1 - y0) * scale };
+  };
   return (
-    <svg className="sketch" viewBox={`0 0 ${SIDE} ${SIDE}`} role="img" aria-label={label}>
+    <svg
+      ref={svg}
+      className={`sketch ${drawing === undefined ? "" : "is-drawn-on"}`}
+      viewBox={`0 0 ${SIDE} ${SIDE}`}
+      role="img"
+      aria-label={label}
+      {...handlers}
+    >
       <path className="sketch-axis" d={`M${middle} 0V${SIDE}M0 ${middle}H${SIDE}`} />
       {circlesM.map((circle) => (
         <g key={circle.label}>
@@ -54,6 +82,17 @@ export function FloorSketch({ reachM, circlesM, spots, trails = [], object, labe
         </g>
       ))}
       {object !== null && <ObjectBox from={place(...object.from)} to={place(...object.to)} />}
+      {shown.map((each) => (
+        <rect
+          key={each.key}
+          className={`sketch-no-go ${each.chosen === true ? "is-chosen" : ""}`}
+          data-testid={`area-${each.key}`}
+          {...block(each.area)}
+        >
+          <title>{each.label}</title>
+        </rect>
+      ))}
+      {drawn !== null && <rect className="sketch-no-go is-chosen" {...block(drawn)} />}
       {trails.map(({ key, colour, points }) => (
         <polyline
           key={key}

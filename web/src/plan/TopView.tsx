@@ -1,16 +1,33 @@
+import { useState } from "react";
 import type { Plan, PlannedViewpoint } from "../api/plans";
-import { useConsole } from "../context";
+import { getFloorPlan } from "../api/setup";
+import { useAnswer } from "../api/useAnswer";
+import { useConsole, useOperator } from "../context";
+import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch, type Spot } from "../floor/FloorSketch";
+import { NoGoList, nameOf } from "../room/NoGoList";
+import type { MarkedArea } from "../room/useFloorGesture";
 import { words } from "../text/words";
 
-/** The plan from above, for whoever has no 3D graphics or wants all of it at a glance. */
+/**
+ * The room from above: the plan, and the volumes that no drone may enter.
+ *
+ * Also for whoever has no 3D graphics or wants all of it at a glance.
+ */
 export function TopView({ plan }: { readonly plan: Plan | null }) {
+  const operator = useOperator();
   const drones = useConsole((state) => state.drones);
   const seed = useConsole((state) => state.findings.seed);
   const shown = useConsole((state) => state.planView);
-  if (plan === null) return null;
-  const comparable = plan.ring.length > 0;
+  const volumes = useConsole((state) => state.noGo);
+  const epoch = useConsole((state) => String(state.epoch));
+  const { value: floor } = useAnswer(epoch, getFloorPlan);
+  const [drawing, setDrawing] = useState(false);
+  const [chosen, setChosen] = useState<string | null>(null);
+  const text = words.noGo;
+
+  const comparable = plan !== null && plan.ring.length > 0;
   const spot = (kind: Spot["kind"]) => (view: PlannedViewpoint) => ({
     key: `${kind} ${view.round_index} ${view.drone_id}`,
     x: view.position_world[0],
@@ -19,11 +36,26 @@ export function TopView({ plan }: { readonly plan: Plan | null }) {
     colour: drones.get(view.drone_id)?.report.colour ?? "var(--muted)",
     kind,
   });
-  const spots = [
+  const views = [
     ...(comparable && shown !== "planned" ? plan.ring.map(spot("ring")) : []),
-    ...(!comparable || shown !== "ring" ? plan.viewpoints.map(spot("view")) : []),
+    ...(plan !== null && (!comparable || shown !== "ring") ? plan.viewpoints.map(spot("view")) : []),
   ];
+  // Before there is a plan, the places where the drones are set down say where what is.
+  const places: Spot[] = (floor?.places ?? []).map((place) => ({
+    key: place.drone_id,
+    x: place.x_m,
+    y: place.y_m,
+    yaw: place.yaw_rad,
+    colour: place.colour,
+    kind: "drone",
+  }));
+  const spots = views.length > 0 ? views : places;
+  const fenceM = floor?.fence_radius_m ?? 0;
   const farM = Math.max(1, ...spots.map((each) => Math.hypot(each.x, each.y)));
+  // Where something is drawn, all of the room is shown.
+  const wholeRoom = (drawing || volumes.length > 0) && fenceM > 0;
+  const near = { radiusM: Math.ceil(farM) / 2, label: `${Math.ceil(farM) / 2} m` };
+  const fence = { radiusM: fenceM, label: text.fence(fenceM.toFixed(1)) };
   const object =
     seed === null
       ? null
@@ -31,15 +63,65 @@ export function TopView({ plan }: { readonly plan: Plan | null }) {
           from: [at(seed.centre, 0) - at(seed.size, 0) / 2, at(seed.centre, 1) - at(seed.size, 1) / 2],
           to: [at(seed.centre, 0) + at(seed.size, 0) / 2, at(seed.centre, 1) + at(seed.size, 1) / 2],
         } as const);
+  const areas: MarkedArea[] = volumes.map((volume) => ({
+    key: volume.id,
+    area: [at(volume.area, 0), at(volume.area, 1), at(volume.area, 2), at(volume.area, 3)],
+    label: nameOf(volume),
+    chosen: volume.id === chosen,
+    fixed: volume.configured,
+  }));
   return (
     <Panel title={words.plan.above} className="above">
       <FloorSketch
-        reachM={1.12 * farM}
-        circlesM={[{ radiusM: Math.ceil(farM) / 2, label: `${Math.ceil(farM) / 2} m` }]}
+        reachM={1.12 * (wholeRoom ? fenceM : farM)}
+        circlesM={wholeRoom ? [near, fence] : [near]}
         spots={spots}
+        areas={areas}
         object={object}
-        label={words.plan.aboveShows(spots.length)}
+        label={words.plan.aboveShows(views.length, volumes.length)}
+        {...(drawing
+          ? {
+              drawing: {
+                onDrawn: (area) => {
+                  void operator.addNoGo(area);
+                },
+                onMoved: (id, area) => {
+                  void operator.changeNoGo(id, area);
+                },
+                onChosen: setChosen,
+              },
+            }
+          : {})}
       />
+      <div className="no-go-tools">
+        <button
+          type="button"
+          className="button button-small"
+          data-testid="draw-no-go"
+          onClick={() => {
+            setDrawing(!drawing);
+          }}
+        >
+          <Icon name={drawing ? "check" : "draw"} />
+          {drawing ? text.done : text.draw}
+        </button>
+        {drawing && fenceM > 0 && (
+          <button
+            type="button"
+            className="button button-small"
+            data-testid="add-no-go"
+            onClick={() => {
+              // At the fence, where nothing stands or flies: it is moved to its place from there.
+              void operator.addNoGo([-0.25, fenceM - 0.5, 0.25, fenceM]);
+            }}
+          >
+            <Icon name="add" />
+            {text.add}
+          </button>
+        )}
+        {drawing && <p className="hint">{text.hint}</p>}
+      </div>
+      <NoGoList volumes={volumes} chosen={chosen} onChosen={setChosen} />
     </Panel>
   );
 }

@@ -11,6 +11,13 @@ export interface PriorityPart {
   readonly size: readonly number[] | null;
 }
 
+/** A column of the room that no drone may enter, from the floor to the ceiling. ``area`` is its rectangle: lower x, lower y, upper x, upper y, world metres. One that is ``configured`` is of the settings and is changed there. */
+export interface NoGoVolume {
+  readonly id: string;
+  readonly area: readonly number[];
+  readonly configured: boolean;
+}
+
 /** One drone as it stands, about five times a second. */
 export interface DroneReport {
   readonly type: "drone_reported";
@@ -172,6 +179,13 @@ export interface PrioritiesReport {
   readonly parts: readonly PriorityPart[];
 }
 
+/** All no-go volumes as they stand now. */
+export interface NoGoReport {
+  readonly type: "no_go_changed";
+  readonly at: string;
+  readonly volumes: readonly NoGoVolume[];
+}
+
 /** Which viewpoints the 3D scene shows, in every browser. */
 export interface PlanView {
   readonly type: "plan_view_changed";
@@ -217,6 +231,7 @@ export type ServerMessage =
   | PickReport
   | DisagreementReport
   | PrioritiesReport
+  | NoGoReport
   | PlanView
   | CommandReport
   | Note

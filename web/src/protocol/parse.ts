@@ -16,6 +16,7 @@ const TYPES: Readonly<Record<ServerMessage["type"], true>> = {
   object_pointed_out: true,
   views_disagree: true,
   priorities_changed: true,
+  no_go_changed: true,
   plan_view_changed: true,
   command_changed: true,
   noted: true,

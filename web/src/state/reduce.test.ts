@@ -351,6 +351,13 @@ describe("reduce: log and alarms", () => {
     expect(after([{ type: "priorities_changed", at: "2", parts: [] }], state).priorities).toEqual([]);
   });
 
+  it("takes the no-go volumes as they stand", () => {
+    const volume = { id: "no-go-1", area: [0, 0, 1, 1], configured: false };
+    const state = after([{ type: "no_go_changed", at: "1", volumes: [volume] }]);
+    expect(state.noGo).toEqual([volume]);
+    expect(after([{ type: "stream_opened" }], state).noGo).toEqual([]);
+  });
+
   it("says how much was missed", () => {
     const { log } = after([{ type: "missed", events: 17 }]);
     expect(log[0]?.level).toBe("warning");

@@ -81,6 +81,7 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
         picks: new Map(),
         disagreement: null,
         priorities: [],
+        noGo: [],
       };
     case "stream_lost":
       if (state.connection.kind === "lost" || state.connection.kind === "signed_out") return state;
@@ -131,6 +132,8 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
       return { ...state, disagreement: message.drone_ids.length === 0 ? null : message };
     case "priorities_changed":
       return { ...state, priorities: message.parts };
+    case "no_go_changed":
+      return { ...state, noGo: message.volumes };
     case "noted":
       return withLine(state, { ...message, droneId: message.drone_id });
     case "missed":
@@ -223,6 +226,7 @@ type MissionMessage = Exclude<
       | "object_pointed_out"
       | "views_disagree"
       | "priorities_changed"
+      | "no_go_changed"
       | "plan_view_changed"
       | "command_changed"
       | "noted"

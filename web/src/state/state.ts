@@ -12,6 +12,7 @@ import type {
   PlanView,
   PosesReport,
   PreviewReport,
+  NoGoVolume,
   PriorityPart,
   SeedReport,
   ServerMessage,
@@ -105,6 +106,8 @@ export interface ConsoleState extends Mission {
   readonly disagreement: DisagreementReport | null;
   /** The parts of the object that shall have better pictures. */
   readonly priorities: readonly PriorityPart[];
+  /** The volumes that no drone may enter. */
+  readonly noGo: readonly NoGoVolume[];
   /** Which browser is in command, and which one asks for it, by their ids; null for nobody. */
   readonly command: { readonly holder: string | null; readonly asking: string | null };
   /** True once somebody flew from this tab, until they take leave: their silence is a failsafe. */
@@ -175,6 +178,7 @@ export const INITIAL_STATE: ConsoleState = {
   picks: new Map(),
   disagreement: null,
   priorities: [],
+  noGo: [],
   command: { holder: null, asking: null },
   inCommand: false,
   alarms: [],
