@@ -19,11 +19,11 @@ export function PlanScreen() {
       </div>
       <div className="column column-plan">
         <PlanPanel plan={plan} error={error} />
-        <TopView plan={plan} />
+        {plan === null ? <TopView plan={plan} /> : <ViewpointsPanel plan={plan} />}
       </div>
       <div className="column column-plan">
         <AnnealingPanel plan={plan} />
-        <ViewpointsPanel plan={plan} />
+        {plan !== null && <TopView plan={plan} />}
       </div>
     </>
   );
