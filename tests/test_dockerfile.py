@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import subprocess
+import sys
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -35,6 +37,12 @@ def stages() -> dict[str, list[tuple[str, str]]]:
             found[name] = []
         found[name].append((word, rest))
     return found
+
+
+def test_hadolint_has_nothing_to_say() -> None:
+    hadolint = Path(sys.executable).parent / "hadolint"
+    found = subprocess.run([hadolint, ROOT / "Dockerfile"], capture_output=True, text=True)
+    assert (found.stdout, found.returncode) == ("", 0)
 
 
 def test_only_known_instructions_in_a_sound_order() -> None:
