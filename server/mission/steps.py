@@ -28,13 +28,11 @@ from server.mission.pilot import Pilot
 from server.mission.planning import Planning
 from server.mission.reconstruction import Reconstruction
 from server.mission.record import CaptureRecorder
+from server.mission.rest_of_plan import RestOfPlan
 from server.mission.seeding import Seeding
 from server.mission.state import MissionState
-from server.mission.takeover import orphans, share_out
-from server.planner.config import FlightSpace
 from server.planner.errors import PlanError
-from server.planner.no_go import intrusion
-from server.stages import Assignment, Viewpoint
+from server.stages import Viewpoint
 from server.swarm.drone import Drone
 from server.swarm.fleet import Fleet
 from server.vision.seed import SeedError
@@ -102,6 +100,16 @@ class Steps:
         self._state = state
         self._tools = tools
         self._config = tools.config.mission
+        self._rest = RestOfPlan(
+            state,
+            tools.fleet,
+            tools.pilot,
+            tools.photographer,
+            tools.planning,
+            tools.no_go,
+            tools.config,
+            tools.events,
+        )
         self.seeding = Seeding(
             state,
             tools.fleet,
@@ -210,7 +218,7 @@ class Steps:
             self._tools.pilot.centre(drone_id, self._tools.pilot.start_azimuth_rad(drone_id))
         await self._until(self._all_centred, self._config.centre_timeout_s)
         if self._state.progress.planned:
-            await self._share_out_the_rest()
+            await self._rest.share_out()
 
     async def _look_around(self) -> None:
         """Take four seed views 90 degrees apart, in turn with fewer than four drones."""
@@ -250,7 +258,7 @@ class Steps:
         except PlanError as error:
             raise StepFailedError(f"no flight is possible: {error}") from error
         self._state.progress = self._state.progress.with_rounds(len(self._state.assignment.rounds))
-        await self._regroup(0, taken=set())
+        await self._rest.regroup(0, taken=set())
 
     # -- a round ------------------------------------------------------------------------------
 
@@ -292,8 +300,8 @@ class Steps:
         self.seeding.refine(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
         if photographer.taken < self._state.pictures:
-            await self._regroup(state.progress.round_index + 1, taken)
-            await self._plan_anew(state.progress.round_index + 1)
+            await self._rest.regroup(state.progress.round_index + 1, taken)
+            await self._rest.plan_anew(state.progress.round_index + 1)
         else:
             state.progress = state.progress.with_rounds(state.progress.round_index + 1)
 
@@ -303,89 +311,6 @@ class Steps:
             await self._tools.reconstruction.start()
         except (JobFailedError, OSError) as error:
             self._note("warning", f"The training does not begin yet ({error}).")
-
-    async def _plan_anew(self, next_round: int) -> None:
-        """Plan what is left anew when the operator wants other parts or more pictures meanwhile."""
-        state, planning = self._state, self._tools.planning
-        more = state.more_wanted
-        if not (planning.outdated or more) or not state.crew or state.seed is None:
-            self._leave_out_barred(next_round)
-            return
-        state.more_wanted = False
-        photographer = self._tools.photographer
-        left = state.pictures - photographer.taken
-        poses = {d: self._tools.pilot.pose(d) for d in state.crew}
-        camera = self._tools.fleet.drones[state.crew[0]].config
-        assignment = await planning.rounds_anew(state.seed, poses, camera, left, photographer.poses)
-        if assignment is None and next_round < len(state.assignment.rounds):
-            state.more_wanted = state.more_wanted or more  # After the next round, perhaps.
-        elif assignment is None:
-            if more:
-                state.pictures = photographer.taken
-                self._note("warning", f"It stays at {photographer.taken} pictures.")
-        else:
-            flown = state.assignment.rounds[:next_round]
-            state.assignment = Assignment(flown + assignment.rounds)
-            state.progress = state.progress.with_rounds(len(state.assignment.rounds))
-        self._leave_out_barred(next_round)
-
-    def _leave_out_barred(self, next_round: int) -> None:
-        """Give up viewpoints that stand in no-go volumes by now, and no plan has replaced."""
-        state = self._state
-        rows, space = state.assignment.rounds[next_round:], self._space()
-        kept = tuple(
-            {d: view for d, view in row.items() if not intrusion(view.position_world, space)}
-            for row in rows
-        )
-        given_up = sum(map(len, rows)) - sum(map(len, kept))
-        if given_up:
-            left = tuple(row for row in kept if row)
-            state.assignment = Assignment(state.assignment.rounds[:next_round] + left)
-            state.progress = state.progress.with_rounds(len(state.assignment.rounds))
-            text = f"{given_up} viewpoints are left out: they stand too near a no-go volume."
-            self._note("warning", text)
-
-    async def _share_out_the_rest(self) -> None:
-        """After an interruption: share out all viewpoints without a picture, from this round on."""
-        state, now = self._state, self._state.progress.round_index
-        left = [
-            viewpoint
-            for row in state.assignment.rounds[now:]
-            for viewpoint in row.values()
-            if id(viewpoint) not in state.captured
-        ]
-        if left:
-            begun = Assignment(state.assignment.rounds[:now])
-            await self._assign_anew(begun, now, left)
-
-    async def _regroup(self, next_round: int, taken: set[str]) -> None:
-        """Share out anew the viewpoints that nobody would go to."""
-        state = self._state
-        orphaned = orphans(state.assignment, next_round, taken, state.crew)
-        last = next_round >= len(state.assignment.rounds)
-        # A viewpoint without a clean picture waits for the end, and gets one more chance there.
-        dropped_out = any(d not in state.crew for row in state.assignment.rounds for d in row)
-        if not orphaned or not state.crew or (not dropped_out and (not last or state.missed_once)):
-            return
-        state.missed_once = state.missed_once or last
-        await self._assign_anew(state.assignment, next_round, orphaned)
-
-    async def _assign_anew(
-        self, assignment: Assignment, next_round: int, orphaned: list[Viewpoint]
-    ) -> None:
-        state = self._state
-        assert state.seed is not None
-        poses = {d: self._tools.pilot.pose(d) for d in state.crew}
-        centre, space = state.seed.outer.centre, self._space()
-        state.assignment, given_up = await asyncio.to_thread(
-            share_out, assignment, next_round, orphaned, poses, centre, space
-        )
-        rounds = max(len(state.assignment.rounds), state.progress.round_index + 1)
-        state.progress = state.progress.with_rounds(rounds)
-        taken_over = len(orphaned) - given_up
-        self._note(
-            "info", f"{taken_over} of {len(orphaned)} viewpoints taken over, {rounds} rounds now."
-        )
 
     # -- the end ------------------------------------------------------------------------------
 
@@ -427,7 +352,7 @@ class Steps:
             },
             down,
             self._state.object_box,
-            self._space(),
+            self._rest.space(),
         )
         aside: dict[str, Viewpoint] = {}
         low: dict[str, Viewpoint] = {}
@@ -440,10 +365,6 @@ class Steps:
             low[drone_id] = Viewpoint(np.append(place, _LOW_M), pose.yaw_rad)
         await self._go_by_themselves(aside, _MOVE_ASIDE_S)
         await self._go_by_themselves(low, _GO_LOW_S)
-
-    def _space(self) -> FlightSpace:
-        """Return the room that drones may use now."""
-        return self._tools.no_go.within(self._tools.config.planner).space
 
     async def _go_by_themselves(self, wanted: Mapping[str, Viewpoint], timeout_s: float) -> None:
         """Get drones to viewpoints, whatever becomes of the others; a stop ends it for a drone."""
