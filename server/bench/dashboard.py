@@ -147,9 +147,7 @@ async def _measure(seconds: float, folder: Path) -> dict[str, Any]:
         await page.goto(f"{fleet.console.address}/?token={token}")
         await page.goto(f"{fleet.console.address}/#/fly")
         await page.reload()
-        await page.wait_for_function(
-            "document.querySelectorAll('[data-testid^=tile-drone][data-sequence]').length === 4"
-        )
+        await page.locator("[data-testid^=tile-drone][data-sequence]").nth(3).wait_for()
         paint_ms = await page.evaluate(
             "performance.getEntriesByName('first-contentful-paint')[0]?.startTime ?? null"
         )
