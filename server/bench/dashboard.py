@@ -6,6 +6,7 @@ the blocks back from the tiles' canvases at every animation frame. What it tells
 
 * ``shown_per_s``: pictures that each tile showed;
 * ``glass_to_glass_ms``: from before a picture was coded to when its number was read on the page;
+  ``misread``: numbers that cannot be right;
 * ``first_paint_ms`` of a load from loopback; ``frame_ms``: from the start of an animation frame to
   the first moment that the main thread was free again; ``interval_ms`` between animation frames;
 * ``heap_mb``: the page's script heap after a collection, at the start and at the end.
@@ -16,6 +17,7 @@ The machine is busy with drones, coder, console and browser at once.
 from __future__ import annotations
 
 import asyncio
+import math
 import shutil
 import tempfile
 import time
@@ -53,6 +55,8 @@ _ARGUMENTS = [
 ]
 # The number: so many blocks of so many pixels, the least significant first, along the lower edge.
 _BITS, _BLOCK_PX = 16, 48
+# Blocks that were coded badly give the number of some other picture.
+_MISREAD_MS = 10_000.0
 _PROBE = """
 ({bits, blockPx, widthPx, heightPx}) => {
   const seen = {}, frames = [], intervals = [];
@@ -179,9 +183,8 @@ async def _measure(seconds: float, folder: Path) -> dict[str, Any]:
                 # The first was there at the last look already.
                 shown[tile] = shown.get(tile, 0) + len(numbers) - 1
                 late_ms += [
-                    at_ms - 1000.0 * pictures.drawn_s[number]
+                    at_ms - 1000.0 * pictures.drawn_s.get(number, math.inf)
                     for number, at_ms in numbers[1:]
-                    if number in pictures.drawn_s
                 ]
         took_s = time.monotonic() - begun_s
         heap_mb.append(await _heap_mb(tools))
@@ -189,7 +192,8 @@ async def _measure(seconds: float, folder: Path) -> dict[str, Any]:
         "seconds": round(took_s, 1),
         "sent_per_s": _FPS,
         "shown_per_s": {tile: round(count / took_s, 2) for tile, count in shown.items()},
-        "glass_to_glass_ms": percentiles(late_ms),
+        "glass_to_glass_ms": percentiles([ms for ms in late_ms if 0.0 < ms < _MISREAD_MS]),
+        "misread": sum(not 0.0 < ms < _MISREAD_MS for ms in late_ms),
         "first_paint_ms": None if paint_ms is None else round(paint_ms, 1),
         "frame_ms": percentiles(frames_ms),
         "interval_ms": percentiles(intervals_ms),
