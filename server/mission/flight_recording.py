@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from server.geometry.boxes import Box3
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
 from server.mission.events import (
@@ -28,6 +29,7 @@ from server.mission.events import (
     EventStream,
     FailsafeFired,
     FrameAnnotated,
+    NoGoChanged,
     Noted,
     PlanFound,
     PoseEstimated,
@@ -54,6 +56,7 @@ from server.recording.recorder import FlightRecorder, RecorderState, free_bytes
 from server.recording.scene_messages import (
     drones_message,
     fence_message,
+    no_go_message,
     plan_message,
     seed_message,
 )
@@ -204,6 +207,9 @@ class FlightRecording:
                 note("/tf", lambda: transforms_message(drone_id, T, ns(at_s)), now_s, at_s)
             case SeedFitted(seed=seed):
                 note("/scene", lambda: seed_message(seed, ns(now_s)), now_s)
+            case NoGoChanged(volumes=volumes):
+                boxes = [volume.box for volume in volumes]
+                note("/scene", lambda: no_go_message(boxes, ns(now_s)), now_s)
             case PlanFound(assignment=assignment):
                 rounds = [list(row.items()) for row in assignment.rounds]
                 drones = [drone.config for drone in self._scenery.fleet.drones.values()]
@@ -248,6 +254,9 @@ class FlightRecording:
         safety = self._scenery.config.safety
         fence = (safety.fence_radius_m, safety.floor_m, safety.ceiling_m)
         note("/scene", lambda: fence_message(*fence, now_ns), now_s)
+        no_go = np.array(self._scenery.config.planner.space.no_go).reshape(-1, 2, 3)
+        boxes = [Box3(lower, upper) for lower, upper in no_go]
+        note("/scene", lambda: no_go_message(boxes, now_ns), now_s)
         tags = [(drone.id, drone.label, drone.colour) for drone in drones]
         note("/scene", lambda: drones_message(tags, now_ns), now_s)
 

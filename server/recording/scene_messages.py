@@ -25,6 +25,7 @@ from server.recording.times import timestamp
 from server.stages import SeedGeometry, Viewpoint
 
 _FENCE_COLOUR, _OUTER_COLOUR, _SLICE_COLOUR = "#d55e00", "#f0e442", "#56b4e9"
+_NO_GO_COLOUR = "#cc3311"
 _FENCE_CORNERS = 48
 _EYE_LENGTH_M = 0.2
 # An arrow points along its x, a camera looks along its z.
@@ -81,6 +82,13 @@ def drones_message(drones: Iterable[tuple[str, str, str]], at_ns: int) -> SceneU
         )
         entities.append(entity)
     return SceneUpdate(entities=entities)
+
+
+def no_go_message(boxes: Iterable[Box3], at_ns: int) -> SceneUpdate:
+    """Return the volumes that no drone may enter; without any, those shown before go."""
+    entity = _entity("no-go", at_ns)
+    entity.cubes.extend(_cube(box, _NO_GO_COLOUR, 0.25) for box in boxes)
+    return SceneUpdate(entities=[entity])
 
 
 def seed_message(seed: SeedGeometry, at_ns: int) -> SceneUpdate:

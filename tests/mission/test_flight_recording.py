@@ -5,6 +5,7 @@ import numpy as np
 from server.geometry.boxes import Box3
 from server.mission.events import Noted, SeedFitted
 from server.mission.flight_recording import event_message
+from server.recording.scene_messages import no_go_message
 from server.stages import SeedGeometry
 
 
@@ -24,3 +25,14 @@ def test_a_line_of_the_log_keeps_its_words():
         "wind",
         "drone-2",
     )
+
+
+def test_no_go_volumes_are_blocks_and_go_when_they_are_dropped():
+    column = Box3(np.array([1.0, -1.0, 0.0]), np.array([2.0, 1.0, 3.0]))
+    (shown,) = no_go_message([column], 7).entities
+    (cube,) = shown.cubes
+    assert (cube.size.x, cube.size.y, cube.size.z) == (1.0, 2.0, 3.0)
+    assert (cube.pose.position.x, cube.pose.position.z) == (1.5, 1.5)
+    (dropped,) = no_go_message([], 8).entities
+    # A viewer draws what a name stands for now.
+    assert (dropped.id, len(dropped.cubes)) == (shown.id, 0)
