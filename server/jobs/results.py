@@ -13,6 +13,8 @@ from server.nerf.surface import CELLS, NoSurfaceError, Surface, extract_surface
 from server.nerf.training import Trainer
 
 MESH, FILM = "mesh.glb", "orbit.mp4"
+# A film with every result must not keep people from the result.
+_FILM_MOST_S = 45.0
 
 
 def write_results(
@@ -54,6 +56,7 @@ def write_results(
         out / FILM,
         around=around,
         frames=frames,
+        most_s=_FILM_MOST_S,
         on_progress=told,
         should_stop=reporter.should_stop,
     ):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from server.nerf.training import Trainer
 
 # Pictures of the whole circle: four seconds.
 FRAMES = 60
+# Fewer are no film.
+_FEWEST_FRAMES = 12
 # Pictures of a room take no harm from fewer samples than training has.
 _ROOM_SAMPLES_PER_RAY = 12
 # The object alone lies in a short stretch of each ray.
@@ -41,6 +44,7 @@ def render_orbit(
     fps: int = 15,
     width: int = 400,
     height: int = 300,
+    most_s: float | None = None,
     on_progress: Callable[[float], None] | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> bool:
@@ -55,6 +59,8 @@ def render_orbit(
         fps: Pictures per second of the film.
         width: Of a picture, pixels; even.
         height: Likewise.
+        most_s: When the first picture says that the film would take longer, it has fewer pictures,
+            at least twelve, and the same length; None: whatever it takes.
         on_progress: Told the share that is done.
         should_stop: Asked before each picture.
 
@@ -72,7 +78,22 @@ def render_orbit(
     part = None if around is None else trainer.object_part(_PART_CELLS, occupied=True)
     centre = trainer.space.centre if around is None else around.centre
     draft = file.with_name(file.name + ".part")
+
+    def picture(turn: float) -> av.VideoFrame:
+        pose = orbit_pose(trainer.dataset.T_world_cam, centre, turn)
+        focal = _focal(trainer, pose, around, width, height)
+        camera = Intrinsics(width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0)
+        rgb = np.clip(_picture(trainer, camera, pose, part), 0.0, 1.0)
+        return av.VideoFrame.from_ndarray(np.round(rgb * 255.0).astype(np.uint8), "rgb24")
+
     try:
+        if should_stop():
+            return False
+        begun_s = time.monotonic()
+        first = picture(0.0)
+        if most_s is not None:
+            fewer = fitting_frames(frames, time.monotonic() - begun_s, most_s)
+            frames, fps = fewer, max(1, round(fps * fewer / frames))
         with av.open(str(draft), "w", format="mp4") as film:
             stream = film.add_stream("libx264", rate=fps)
             stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -80,14 +101,7 @@ def render_orbit(
             for number in range(frames):
                 if should_stop():
                     return False
-                pose = orbit_pose(trainer.dataset.T_world_cam, centre, number / frames)
-                focal = _focal(trainer, pose, around, width, height)
-                camera = Intrinsics(
-                    width, height, focal, focal, (width - 1) / 2.0, (height - 1) / 2.0
-                )
-                rgb = _picture(trainer, camera, pose, part)
-                picture = np.round(np.clip(rgb, 0.0, 1.0) * 255.0).astype(np.uint8)
-                film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+                film.mux(stream.encode(first if number == 0 else picture(number / frames)))
                 if on_progress is not None:
                     on_progress((number + 1) / frames)
             film.mux(stream.encode())
@@ -95,6 +109,12 @@ def render_orbit(
     finally:
         draft.unlink(missing_ok=True)
     return True
+
+
+def fitting_frames(frames: int, each_s: float, most_s: float) -> int:
+    """Return how many of ``frames`` pictures, each taking ``each_s``, to make in ``most_s``."""
+    fitting = int(most_s / max(each_s, 1e-9))
+    return min(frames, max(fitting, _FEWEST_FRAMES))
 
 
 def _focal(

@@ -24,7 +24,7 @@ from server.nerf.dataset import load_dataset
 from server.nerf.exports import write_colmap, write_mesh, write_points
 from server.nerf.hull import box_of_masks
 from server.nerf.object_part import object_part, on_object
-from server.nerf.orbit import render_orbit
+from server.nerf.orbit import fitting_frames, render_orbit
 from server.nerf.saved_run import SavedRunError, open_dataset, open_field
 from server.nerf.surface import NoSurfaceError, Surface, extract_surface
 from server.nerf.training import Trainer
@@ -185,6 +185,20 @@ def test_a_film_goes_once_round(field: Trainer, tmp_path: Path) -> None:
     assert len(pictures) == 6
     assert pictures[0].shape == (48, 64, 3)
     assert all(np.ptp(picture) > 50 for picture in pictures), "each shows the ball"
+
+
+def test_a_film_that_would_take_too_long_has_fewer_pictures_and_its_length(
+    field: Trainer, tmp_path: Path
+) -> None:
+    file = tmp_path / "orbit.mp4"
+    assert render_orbit(field, file, frames=24, fps=12, width=64, height=48, most_s=0.0)
+    with av.open(str(file)) as film:
+        (stream,) = film.streams.video
+        assert stream.average_rate == 6
+        assert sum(1 for _ in film.decode(video=0)) == 12
+    assert fitting_frames(60, 0.5, 45.0) == 60
+    assert fitting_frames(60, 1.5, 45.0) == 30
+    assert fitting_frames(8, 100.0, 45.0) == 8
 
 
 def test_a_film_of_the_object_alone_is_white_around_it(field: Trainer, tmp_path: Path) -> None:

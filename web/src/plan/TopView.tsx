@@ -6,8 +6,8 @@ import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch, type Spot } from "../floor/FloorSketch";
-import { NoGoList, nameOf } from "../room/NoGoList";
-import type { MarkedArea } from "../room/useFloorGesture";
+import { markedArea } from "../room/marked";
+import { NoGoList } from "../room/NoGoList";
 import { words } from "../text/words";
 
 /**
@@ -63,13 +63,7 @@ export function TopView({ plan }: { readonly plan: Plan | null }) {
           from: [at(seed.centre, 0) - at(seed.size, 0) / 2, at(seed.centre, 1) - at(seed.size, 1) / 2],
           to: [at(seed.centre, 0) + at(seed.size, 0) / 2, at(seed.centre, 1) + at(seed.size, 1) / 2],
         } as const);
-  const areas: MarkedArea[] = volumes.map((volume) => ({
-    key: volume.id,
-    area: [at(volume.area, 0), at(volume.area, 1), at(volume.area, 2), at(volume.area, 3)],
-    label: nameOf(volume),
-    chosen: volume.id === chosen,
-    fixed: volume.configured,
-  }));
+  const areas = volumes.map((volume) => ({ ...markedArea(volume), chosen: volume.id === chosen }));
   return (
     <Panel title={words.plan.above} className="above">
       <FloorSketch

@@ -5,6 +5,7 @@ import { NumberField } from "../design/NumberField";
 import type { NoGoVolume } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { isArea, type FloorArea } from "./area";
+import { nameOf } from "./marked";
 
 interface NoGoListProps {
   readonly volumes: readonly NoGoVolume[];
@@ -106,12 +107,6 @@ function NoGoForm({ volume }: { readonly volume: NoGoVolume }) {
       </p>
     </form>
   );
-}
-
-/** What people call a volume: its number is the end of its id. */
-export function nameOf({ id, configured }: NoGoVolume): string {
-  const number = id.slice(id.lastIndexOf("-") + 1);
-  return configured ? words.noGo.nameConfigured(number) : words.noGo.name(number);
 }
 
 function sizeOf({ area }: NoGoVolume): string {

@@ -5,6 +5,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch } from "../floor/FloorSketch";
 import { activityFace, isFlying } from "../fly/activity";
+import { markedArea } from "../room/marked";
 import { words } from "../text/words";
 import { CalibrationTable } from "./CalibrationTable";
 
@@ -17,6 +18,7 @@ interface FloorPlanPanelProps {
 /** Where to set each drone down, and facing where. */
 export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
   const text = words.setup;
+  const volumes = useConsole((state) => state.noGo);
   return (
     <Panel title={text.floor} className="floor">
       {error !== null && <p className="field-error">{text.unknown(error)}</p>}
@@ -34,6 +36,7 @@ export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
               label: place.name,
               kind: "drone",
             }))}
+            areas={volumes.map(markedArea)}
             object={{ from: [-0.2, -0.2], to: [0.2, 0.2] }}
             label={text.floorShows(plan.places.length, plan.start_radius_m.toFixed(1))}
           />
