@@ -83,15 +83,15 @@ def mortal_console(runs: Path) -> Iterator[tuple[httpx.Client, subprocess.Popen[
 def test_a_console_is_killed_at_random_moments(tmp_path: Path) -> None:
     moments, cut = random.Random(11), None
     phases: set[str] = set()
-    for _ in range(KILLS):
+    for number in range(KILLS):
         with mortal_console(tmp_path) as (client, process):
             if cut is not None:
-                nothing_is_lost(client, tmp_path, cut)
+                nothing_is_lost(client, tmp_path, cut, to_the_end=number % 5 == 0)
             cut = told_until_killed(client, process, moments.uniform(0.0, LONGEST_S))
             phases.add(cut.phase)
     with mortal_console(tmp_path) as (client, _):
         assert cut is not None
-        nothing_is_lost(client, tmp_path, cut)
+        nothing_is_lost(client, tmp_path, cut, to_the_end=True)
         listed = client.get("/api/v1/captures").json()
         assert len(listed) == KILLS
     if KILLS >= 10:
@@ -117,10 +117,21 @@ def told_until_killed(
     return cut
 
 
-def nothing_is_lost(client: httpx.Client, runs: Path, cut: Cut) -> None:
-    """Check everything on disk, and bring the capture to its end."""
+def nothing_is_lost(client: httpx.Client, runs: Path, cut: Cut, *, to_the_end: bool) -> None:
+    """Check everything on disk, and bring the capture to its end, or to another one."""
     folder = runs / cut.id
     assert is_readable(folder) >= cut.images
+    told = client.get(f"/api/v1/captures/{cut.id}").json()
+    assert told["images"] >= cut.images
+    if not to_the_end:
+        if told["state"] == "interrupted":
+            resumed = client.post(f"/api/v1/captures/{cut.id}/resume")
+            assert resumed.status_code in (200, 409), resumed.text
+        client.post(f"/api/v1/captures/{cut.id}/abort")
+        told = until_over(client, cut.id)
+        assert is_readable(folder) >= cut.images
+        logger.info("then %s with %d pictures: %s", told["state"], told["images"], told["error"])
+        return
     told = until_over(client, cut.id)
     if told["state"] == "interrupted":
         resumed = client.post(f"/api/v1/captures/{cut.id}/resume")
