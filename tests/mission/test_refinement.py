@@ -72,6 +72,8 @@ class Rig:
             events=self.events,
             config=SimpleNamespace(mission=None, vision=SimpleNamespace(seed=CONFIG)),
             photographer=photographer,
+            planning=None,
+            no_go=None,
         )
         request = SimpleNamespace(train_seconds=0)
         self.steps = Steps(cast(Any, request), self.state, cast(Any, tools))
