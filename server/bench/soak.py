@@ -111,8 +111,8 @@ async def _fly_one(control: Control, seed: int) -> str:
 
 def _reading(at_s: float) -> _Reading:
     gc.collect()
-    # What the allocator only keeps for later is no memory in use; the planner, in flight a process of
-    # its own and here a part of this one, leaves it 100 MB.
+    # What the allocator only keeps for later is no memory in use; the planner, in flight a process
+    # of its own and here a part of this one, leaves it 100 MB.
     ctypes.CDLL(None).malloc_trim(0)
     resident = int(Path("/proc/self/statm").read_text().split()[1])
     return _Reading(

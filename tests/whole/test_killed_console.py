@@ -32,9 +32,9 @@ logger = logging.getLogger(__name__)
 
 KILLS = int(os.environ.get("DRONERF_KILLS", "2"))
 # From the order to the end of the training it takes about so long.
-LONGEST_S = 130.0
-PICTURES = 8
-WISH = {"pictures": PICTURES, "train_seconds": 8, "seed": 1}
+LONGEST_S = 80.0
+PICTURES = 4
+WISH = {"pictures": PICTURES, "train_seconds": 5, "seed": 1}
 OVER = ("succeeded", "failed", "aborted", "interrupted")
 
 pytestmark = [pytest.mark.loopback, pytest.mark.slow, pytest.mark.timeout(600 * (KILLS + 1))]
