@@ -23,10 +23,14 @@ _JUDGED_VIEWS = 10
 # By name: what is put back in the field's shape, and what in its training.
 _SWITCHES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "nothing": ({}, {}),
-    "coarse levels first": ({}, {"window_until": 0.0}),
-    "distortion loss": ({}, {"distortion_weight": 0.0}),
+    "all levels at once": ({}, {"window_until": TrainConfig().window_until}),
+    "no distortion loss": ({}, {"distortion_weight": TrainConfig().distortion_weight}),
     "little pull near cameras": ({}, {"trust_distance": 0.0}),
     "proposals from memory": ({}, {"even_share": 1.0, "even_share_end": 1.0}),
+    "half of the samples even": (
+        {},
+        {"even_share": TrainConfig().even_share, "even_share_end": TrainConfig().even_share_end},
+    ),
     "slow MLPs": ({}, {"mlp_rate_share": 1.0}),
     "decay of the MLPs": ({}, {"mlp_weight_decay": 0.0}),
     "exposure gains": ({}, {"exposure_rate": 0.0}),

@@ -182,13 +182,21 @@ def suited_configs(
     coarse levels and the distortion loss cost more than they give then.
 
     An object alone fills few cells of its visual hull: smaller tables stay in the processor's
-    cache, and fewer samples meet all of it. Against random backdrops fast MLPs turn all colours
-    black before there is anything to see, from which they come back late or never.
+    cache, and fewer samples meet all of it, spread more evenly than in a room. The hull already
+    keeps fog away, so beginning with coarse levels and the distortion loss cost more than they
+    give. Against random backdrops fast MLPs turn all colours black before there is anything to
+    see, from which they come back late or never.
     """
     if not cut_out and distances_known:
         return FieldConfig(), TrainConfig(window_until=0.0, distortion_weight=0.0)
     if not cut_out:
         return FieldConfig(), TrainConfig()
     return FieldConfig(log2_table_size=15), TrainConfig(
-        samples_per_ray=16, render_samples_per_ray=32, mlp_rate_share=0.25
+        samples_per_ray=16,
+        render_samples_per_ray=32,
+        mlp_rate_share=0.25,
+        even_share=1.0,
+        even_share_end=0.5,
+        window_until=0.0,
+        distortion_weight=0.0,
     )
