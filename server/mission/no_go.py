@@ -157,6 +157,8 @@ class NoGo:
     def _drawn(self, area: Area) -> Box3:
         """Return the column on ``area`` as somebody drew it; raises RefusedError."""
         column = self._column(area)
+        if column.size[:2].min() < _LEAST_SIDE_M:
+            raise RefusedError(f"a no-go volume needs sides of at least {_LEAST_SIDE_M:g} m")
         farthest_m = 2.0 * self._safety.fence_radius_m
         if np.abs(column.corners[:, :2]).max() > farthest_m:
             raise RefusedError(f"a no-go volume may reach {farthest_m:g} m from the middle")
@@ -169,8 +171,6 @@ class NoGo:
             raise RefusedError("a no-go volume needs finite numbers")
         lower = np.array([min(x_0, x_1), min(y_0, y_1), 0.0])
         upper = np.array([max(x_0, x_1), max(y_0, y_1), self._safety.ceiling_m])
-        if (upper - lower).min() < _LEAST_SIDE_M:
-            raise RefusedError(f"a no-go volume needs sides of at least {_LEAST_SIDE_M:g} m")
         return Box3(lower, upper)
 
     async def _changed(self, text: str) -> None:

@@ -138,6 +138,13 @@ async def test_those_of_the_settings_stand_and_stay(tmp_path: Path) -> None:
     assert own.id not in [v.id for v in volumes_of(tmp_path / "no-go.json")[0].volumes]
 
 
+async def test_a_curtain_of_the_settings_may_be_thin() -> None:
+    curtain = (1.0, -1.0, 0.0, 1.0, 1.0, 2.0)
+    no_go, pilot, _ = volumes_of(None, PlannerConfig(space=FlightSpace(no_go=(curtain,))))
+    assert [volume.area for volume in no_go.volumes] == [(1.0, -1.0, 1.0, 1.0)]
+    assert len(pilot.no_go) == 1
+
+
 @pytest.mark.parametrize(
     "text",
     [
