@@ -7,6 +7,8 @@ import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 from programs import TOKEN, console
 
+from server.bench.dashboard import CHROMIUM_ARGUMENTS
+
 pytestmark = [
     pytest.mark.browser,
     pytest.mark.loopback,
@@ -18,16 +20,6 @@ pytestmark = [
 ]
 
 DRONES = [f"drone-{number}" for number in range(1, 5)]
-_ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 
 
 def _sequence(page: Page, drone_id: str) -> int:
@@ -37,7 +29,7 @@ def _sequence(page: Page, drone_id: str) -> int:
 def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
     with console(tmp_path, "--sim", "recycle_bin") as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=_ARGUMENTS
+            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
         )
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         page.set_default_timeout(60_000)
@@ -79,7 +71,7 @@ def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
 def test_the_object_is_picked_by_a_drag_by_keys_and_taken_back(tmp_path):
     with console(tmp_path, "--sim", "recycle_bin") as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=_ARGUMENTS
+            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
         )
         page = browser.new_page(viewport={"width": 390, "height": 844})
         page.set_default_timeout(60_000)
