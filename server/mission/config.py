@@ -1,4 +1,4 @@
-"""What the mission may be told: tolerances, waits and counts."""
+"""What the mission may be told: tolerances, waits, counts and choices."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from server.vision.config import VisionConfig
 
 @dataclass(frozen=True, slots=True)
 class MissionConfig:
-    """Numbers of the flight; every one must be positive.
+    """Settings of the flight; every number must be positive.
 
     Attributes:
         control_rate_hz: How often setpoints are computed and sent.
@@ -34,6 +34,9 @@ class MissionConfig:
         manual_speed_m_s: How fast a drone flown by hand goes with its sticks at their ends.
         manual_turn_rad_s: How fast it turns then.
         manual_keep_s: Without fresh sticks for so long it hovers.
+        replan_every_round: Plan what is left anew after every round, with the geometry as it is
+            known by then, and not only when the operator has changed something. Flights take
+            longer with it and see no more (ADR 47).
     """
 
     control_rate_hz: float = 15.0
@@ -54,10 +57,12 @@ class MissionConfig:
     manual_speed_m_s: float = 0.4
     manual_turn_rad_s: float = 0.6
     manual_keep_s: float = 0.4
+    replan_every_round: bool = False
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            if not getattr(self, entry.name) > 0:
+            value = getattr(self, entry.name)
+            if not isinstance(value, bool) and not value > 0:
                 raise ValueError(f"mission.{entry.name} must be positive")
         if not self.manual_keep_s <= 1.0:
             raise ValueError("mission.manual_keep_s must be at most 1: silence is a hand let go")

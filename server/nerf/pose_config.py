@@ -56,6 +56,8 @@ class PoseConfig:
         yaw_sigma_floor_rad: Believed headings are never trusted better than this, radians.
         tilt_sigma_rad: Standard deviation of the believed pitch and roll, radians. It is what
             keeps the world's Z axis upright.
+        outline_sigma_px: How exactly masks are cut: standard deviation of an object's outline,
+            pixels of the whole picture.
 
     Raises:
         ValueError: If a field is out of range; the message names it.
@@ -94,6 +96,7 @@ class PoseConfig:
     picture_sigma_floor_m: float = 0.03
     yaw_sigma_floor_rad: float = math.radians(1.0)
     tilt_sigma_rad: float = math.radians(2.0)
+    outline_sigma_px: float = 8.0
 
     def thorough(self) -> PoseConfig:
         """Return the settings of the second try."""
@@ -144,6 +147,7 @@ class PoseConfig:
             "picture_sigma_floor_m",
             "yaw_sigma_floor_rad",
             "tilt_sigma_rad",
+            "outline_sigma_px",
         )
         for name in positive:
             value = getattr(self, name)

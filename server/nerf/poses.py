@@ -2,7 +2,8 @@
 
 The flight believes its poses to 10-25 cm and a few degrees; a radiance field needs a centimetre
 and a fraction of a degree. Structure from motion over the stills and the video pictures between
-them recovers the poses up to a similarity, which is then found from what the flight believed.
+them recovers the poses up to a similarity, which is then found from what the flight believed. Where
+there is too little texture, the object's outlines make the stills agree on one shape instead.
 The paper leaves this to COLMAP; here the flight's beliefs choose the pairs, give the scale and
 hold the world upright.
 """
@@ -30,6 +31,7 @@ from server.nerf.pose_bundle import Adjusted, adjust
 from server.nerf.pose_config import PoseConfig
 from server.nerf.pose_floor import on_the_floor
 from server.nerf.pose_mapping import Mapper, Model, PosesStoppedError
+from server.nerf.pose_outlines import fit_to_outlines
 from server.nerf.pose_pairs import choose_pairs
 from server.nerf.sightings import Sightings, no_sightings
 
@@ -48,8 +50,8 @@ class PosedPicture:
         still: True for a picture of the dataset, False for a video picture between two of them.
         drone_id: Which drone.
         at_s: When it was taken, seconds of any clock that all pictures share.
-        mask_file: Mask of the object. The poses do not use it: the room holds still as well and
-            its texture is welcome.
+        mask_file: Mask of the object, white on black. Texture is used wherever it is, the room
+            holds still as well; the outline only where there is too little.
     """
 
     file: Path
@@ -69,7 +71,8 @@ class RefinedPoses:
     Attributes:
         T_world_cam: Best poses ``(n, 4, 4)`` in the order of the pictures.
         refined: Which of them come from the pictures and are known well ``(n,)``; the others are
-            flight poses, moved as their drone's refined pictures were, or belong to a smaller
+            flight poses, moved as their drone's refined pictures were and then, where the object's
+            outline could be used, to where it agrees with the others; or they belong to a smaller
             reconstruction that only the flight's beliefs tie to the largest.
         sigma_m: How well each position is known ``(n,)``, metres per axis, standard deviation:
             relative to one another for refined ones, in the world for the others.
@@ -175,6 +178,7 @@ class _Carried:
         self._sightings = no_sightings()
         self._on_floor = False
         self._rms_px = float("nan")
+        self._outlined = 0
 
     def complete(self, still: NDArray[np.bool_]) -> bool:
         """Return whether all stills are refined."""
@@ -242,6 +246,29 @@ class _Carried:
         self._rms_px = float(np.sqrt((errors**2).mean())) if len(errors) else float("nan")
         self._sightings = _sightings(model, carried)
 
+    def agree_on_outlines(
+        self,
+        pictures: Sequence[PosedPicture],
+        still: NDArray[np.bool_],
+        config: PoseConfig,
+        on_progress: Callable[[float], None],
+    ) -> None:
+        """Bring the stills that texture left unknown to agree with all on the object's shape."""
+        chosen = np.flatnonzero(still)
+        found = fit_to_outlines(
+            self.T_world_cam[chosen],
+            [self._cameras[i] for i in chosen],
+            [_mask(pictures[i]) for i in chosen],
+            self._sigma_m[chosen],
+            self._sigma_rad[chosen],
+            self.refined[chosen],
+            config,
+            on_progress,
+        )
+        self.T_world_cam[chosen] = found.T_world_cam
+        self._sigma_m[chosen], self._sigma_rad[chosen] = found.sigma_m, found.sigma_rad
+        self._outlined = int(found.fitted.sum())
+
     def result(self, task: _Task) -> RefinedPoses:
         """Return what was found, with a sentence about it."""
         return RefinedPoses(
@@ -262,10 +289,14 @@ class _Carried:
             return "Stopped before the poses were refined; the flight's poses are kept."
         if not self.refined.any():
             about = _about(self._sigma_m[still], self._sigma_rad[still])
-            return (
-                "Too little texture to refine the poses; the flight's poses are kept, known to "
-                f"{about}."
-            )
+            text = "Too little texture to refine the poses; "
+            if self._outlined:
+                text += (
+                    f"{self._outlined} of {int(still.sum())} were fitted to the object's outline"
+                )
+            else:
+                text += "the flight's poses are kept"
+            return f"{text}, known to {about}."
         fine, stills = self.refined & still, int(still.sum())
         text = f"{int(fine.sum())} of {stills} poses refined"
         if fine.any():
@@ -277,7 +308,16 @@ class _Carried:
             return text + "."
         left = still & ~self.refined
         about = _about(self._sigma_m[left], self._sigma_rad[left])
-        return f"{text}; the others are corrected flight poses, known to {about}."
+        outlined = f", {self._outlined} fitted to the object's outline" if self._outlined else ""
+        return f"{text}; the others are corrected flight poses{outlined}, known to {about}."
+
+
+def _mask(picture: PosedPicture) -> NDArray[np.bool_] | None:
+    """Return a picture's mask ``(h, w)``, None where it has none that can be read."""
+    if picture.mask_file is None:
+        return None
+    mask = cv2.imread(str(picture.mask_file), cv2.IMREAD_GRAYSCALE)
+    return None if mask is None else mask > 127
 
 
 def _about(sigma_m: Array, sigma_rad: Array) -> str:
@@ -296,14 +336,16 @@ def refine_poses(
 ) -> RefinedPoses:
     """Refine the believed poses of ``pictures``.
 
-    Too little texture is no error: what could not be refined keeps its (corrected) flight pose.
+    Too little texture is no error: what could not be refined keeps its (corrected) flight pose, or
+    is moved to where its outline agrees with the others'.
 
     Args:
         pictures: Stills and video pictures, two or more.
         intrinsics: One camera for all, or one per picture.
         work_folder: Scratch folder of this call's own.
         config: Settings.
-        on_progress: Called with the step (features, matches, mapping) and its share in 0..1.
+        on_progress: Called with the step (features, matches, mapping, outlines) and its share in
+            0..1.
         should_stop: Asked often; True keeps the flight poses and says so.
 
     Raises:
@@ -321,6 +363,17 @@ def refine_poses(
         again = _attempt(pictures, task, work_folder, config.thorough(), on_progress, should_stop)
         if (again.refined & task.still).sum() > (best.refined & task.still).sum():
             best = again
+    if not best.stopped and not best.complete(task.still):
+
+        def on_round(share: float) -> None:
+            if should_stop():
+                raise PosesStoppedError
+            on_progress("outlines", share)
+
+        try:
+            best.agree_on_outlines(pictures, task.still, config, on_round)
+        except PosesStoppedError:
+            best.stopped = True
     return best.result(task)
 
 

@@ -1,18 +1,21 @@
-"""More pictures than were asked for, wanted while the capture flies; in virtual time."""
+"""Plans made anew while the capture flies, for more pictures or for what is known by then."""
 
 from __future__ import annotations
 
 import asyncio
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from virtual_console import REQUEST, in_phase, tell
 
+from server.bench.missions import virtual_flight
 from server.bench.missions.virtual_flight import VirtualFlight
 from server.jobs.runner import JobFailedError
 from server.mission.commands import RefusedError
+from server.mission.config import FlightConfig, MissionConfig
 from server.mission.control import Control
 from server.mission.events import CaptureTaken, EventStream, Noted, PlanFound
 from server.mission.planning import Planning
@@ -129,6 +132,29 @@ def test_a_single_picture_more_is_the_one_that_was_planned(tmp_path: Path) -> No
     *_, last = (event for event in news if isinstance(event, CaptureTaken))
     off_m = np.linalg.norm(wanted.position_world - last.capture.pose.position_world)
     assert off_m < 0.5
+
+
+def test_every_round_may_have_a_plan_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    news: list[News] = []
+    usual = virtual_flight.FlightConfig
+
+    def replanning(mission: MissionConfig, *rest: Any) -> FlightConfig:
+        return usual(replace(mission, replan_every_round=True), *rest)
+
+    monkeypatch.setattr(virtual_flight, "FlightConfig", replanning)
+
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        listening = asyncio.create_task(listen(control.events, news))
+        record = await control.start_capture(replace(REQUEST, pictures=12))
+        record = await control.wait_for_capture(record.status.id)
+        assert (record.status.state, record.status.images) == ("succeeded", 12)
+        listening.cancel()
+
+    tell(story, tmp_path)
+    plans = [len(event.placement.viewpoints) for event in news if isinstance(event, PlanFound)]
+    assert plans == [12, 8, 4]
 
 
 def test_a_training_that_cannot_begin_ends_no_flight(tmp_path: Path) -> None:
