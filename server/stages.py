@@ -79,6 +79,22 @@ class Picture(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class CodedPicture:
+    """A picture as the drone sent it, for whoever decodes it again.
+
+    Attributes:
+        data: H.264, Annex-B bytes of one access unit.
+        key: True when it and its parameter sets can be decoded without any other.
+        number: Counts the coded pictures of its drone; it can be decoded after its predecessor
+            alone, or when it is a key picture.
+    """
+
+    data: bytes
+    key: bool
+    number: int
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One decoded video picture.
@@ -91,6 +107,7 @@ class Frame:
         damaged: True when data was lost since the last key frame; such a picture may be shown but
             never enters a dataset.
         completed_s: Arrival of the picture's last datagram, None when that is unknown.
+        coded: What was decoded, None when it came otherwise.
     """
 
     drone_id: str
@@ -99,6 +116,7 @@ class Frame:
     picture: Picture | NDArray[np.uint8]
     damaged: bool
     completed_s: float | None = None
+    coded: CodedPicture | None = None
 
     @property
     def image_bgr(self) -> NDArray[np.uint8]:

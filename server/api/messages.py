@@ -1,7 +1,9 @@
 """The wire schema of the websocket ``/api/v1/stream``: two tagged unions.
 
 Text messages are JSON objects with a ``type``. A binary message is one annotated picture: four
-bytes of header length (big endian), a JSON header (``TileHeader``), then the JPEG.
+bytes of header length (big endian), a JSON header (``TileHeader``), then the JPEG. Who asks for
+``h264`` also gets pictures as the drone sent them, with what is to be drawn on them in the header
+(``CodedTileHeader``): each can be decoded after the one before it, or is a key picture.
 ``make messages`` writes the TypeScript twin, ``web/src/protocol/messages.gen.ts``.
 
 Units are SI, times are seconds, ``at`` is ISO 8601 UTC.
@@ -296,14 +298,22 @@ ServerMessage = Annotated[
 
 
 class ShowTiles(_Message):
-    """Which drones' pictures to send; the others pause. Default: all."""
+    """Which drones' pictures to send; the others pause. Default: all, as JPEG.
+
+    With ``h264`` a JPEG still comes where no coded picture can be decoded: before the first key
+    picture, and after a gap.
+    """
 
     type: Literal["show_tiles"] = "show_tiles"
     drone_ids: list[str]
+    coding: Literal["jpeg", "h264"] = "jpeg"
 
 
 class TileShown(_Message):
-    """Acknowledges one picture; the next one of that drone is sent only then."""
+    """Acknowledges one picture, and the coded ones before it.
+
+    A drone's next JPEG is sent only then; of coded pictures a few may be under way.
+    """
 
     type: Literal["tile_shown"] = "tile_shown"
     drone_id: str
@@ -392,3 +402,29 @@ class TileHeader(_Message):
     sequence: int
     age_s: float
     damaged: bool
+
+
+class TileMarks(_Message):
+    """What was seen in a picture, in pixels of one of ``size`` (width, height).
+
+    ``box`` is left, top, right, bottom; each outline is x, y, x, y and so on.
+    """
+
+    size: list[int]
+    box: list[float]
+    confidence: float
+    touches_edge: bool
+    outlines: list[list[int]]
+    yaw_error_rad: float
+
+
+class CodedTileHeader(TileHeader):
+    """The header of a picture as the drone sent it: H.264, one access unit, Annex B.
+
+    ``note`` is what else there is to say of the picture, mostly nothing.
+    """
+
+    coding: Literal["h264"] = "h264"
+    key: bool
+    marks: TileMarks | None
+    note: str

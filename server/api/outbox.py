@@ -3,7 +3,8 @@
 State (a drone's report, a capture, the training, a preview) keeps one slot: a newer value replaces
 the one that has not been sent. Everything else queues in order. When too much is waiting the
 oldest goes, and the client is told how many went. Pictures have one slot per drone, newest wins,
-and a drone's next picture goes out only after the client has shown the last one.
+and a drone's next picture goes out only after the client has shown the last one. A client that
+decodes video itself gets coded pictures instead wherever it can decode them (``coded_queue``).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from collections.abc import Iterable
 
 from pydantic import BaseModel
 
+from server.api.coded_queue import CodedQueue
 from server.api.messages import Missed
-from server.api.translate import message_from_event, tile_from_frame
+from server.api.translate import coded_tile_from_frame, message_from_event, tile_from_frame
 from server.mission.events import (
     CaptureChanged,
     DroneReported,
@@ -69,6 +71,7 @@ class Outbox:
         self._newest: dict[str, FrameAnnotated] = {}
         self._in_flight: dict[str, int] = {}
         self._wanted: frozenset[str] | None = None
+        self._coded: dict[str, CodedQueue] | None = None  # None: this client wants JPEG alone.
         self._tiles_first = False
         self._limit = 2**31
         for event in standing:
@@ -81,7 +84,7 @@ class Outbox:
             return
         if isinstance(event, FrameAnnotated):
             if self._wanted is None or event.drone_id in self._wanted:
-                self._newest[event.drone_id] = event
+                self._offer_picture(event)
             return
         self._arrivals += 1
         slot = _slot(event) or ("arrival", self._arrivals)
@@ -91,13 +94,23 @@ class Outbox:
             del self._events[next(iter(self._events))]
             self._missed += 1
 
+    def _offer_picture(self, event: FrameAnnotated) -> None:
+        if self._coded is not None:
+            queue = self._coded.setdefault(event.drone_id, CodedQueue())
+            if queue.offer(event):
+                self._newest.pop(event.drone_id, None)
+                return
+        self._newest[event.drone_id] = event
+
     def missed(self, events: int) -> None:
         """Count events that were lost before they came here."""
         self._missed += events
 
-    def show(self, drone_ids: Iterable[str]) -> None:
-        """Send pictures of these drones only."""
+    def show(self, drone_ids: Iterable[str], *, coded: bool = False) -> None:
+        """Send pictures of these drones only, ``coded`` where the client can decode them."""
         wanted = frozenset(drone_ids)
+        before = self._coded or {}
+        self._coded = {d: before[d] for d in wanted if d in before} if coded else None
         for drone_id in list(self._newest):
             if drone_id not in wanted:
                 del self._newest[drone_id]
@@ -111,6 +124,8 @@ class Outbox:
         """Note that the client has shown a picture; any but the one in flight is ignored."""
         if self._in_flight.get(drone_id) == sequence:
             del self._in_flight[drone_id]
+        if self._coded is not None and drone_id in self._coded:
+            self._coded[drone_id].shown(sequence)
 
     def take(self, now_s: float) -> BaseModel | bytes | None:
         """Return what to send next, None when nothing can be sent now.
@@ -139,4 +154,13 @@ class Outbox:
                 del self._newest[drone_id]
                 self._in_flight[drone_id] = frame.sequence
                 return tile_from_frame(frame, now_s)
+        return self._take_coded(now_s)
+
+    def _take_coded(self, now_s: float) -> bytes | None:
+        for drone_id, queue in (self._coded or {}).items():
+            if (frame := queue.take()) is not None:
+                # Those of the other drones come first next time.
+                assert self._coded is not None
+                self._coded[drone_id] = self._coded.pop(drone_id)
+                return coded_tile_from_frame(frame, now_s)
         return None

@@ -189,8 +189,8 @@ class _Conversation:
                 await _close(self._socket, _POLICY_VIOLATION, "not a message of this protocol")
                 return
             match message:
-                case ShowTiles(drone_ids=drone_ids):
-                    self._outbox.show(drone_ids)
+                case ShowTiles(drone_ids=drone_ids, coding=coding):
+                    self._outbox.show(drone_ids, coded=coding == "h264")
                 case TileShown(drone_id=drone_id, sequence=sequence):
                     self._outbox.shown(drone_id, sequence)
                 case _ if self._desk is not None:

@@ -24,6 +24,7 @@ from server.mission.events import (
     NoGoVolume,
     Noted,
     ObjectPointedOut,
+    PictureMarks,
     PlanFound,
     PlanProgressed,
     PlanViewChosen,
@@ -264,5 +265,40 @@ def tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
         age_s=round(max(0.0, now_s - event.captured_s), 4),
         damaged=event.damaged,
     )
+    return _binary(header, event.jpeg)
+
+
+def coded_tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
+    """Return the binary message of a picture as the drone sent it.
+
+    Raises:
+        ValueError: If it came otherwise.
+    """
+    if event.coded is None:
+        raise ValueError(f"picture {event.sequence} of {event.drone_id} has no coded form")
+    header = messages.CodedTileHeader(
+        drone_id=event.drone_id,
+        sequence=event.sequence,
+        age_s=round(max(0.0, now_s - event.captured_s), 4),
+        damaged=event.damaged,
+        key=event.coded.key,
+        marks=None if event.marks is None else _marks(event.marks),
+        note=event.note,
+    )
+    return _binary(header, event.coded.data)
+
+
+def _marks(marks: PictureMarks) -> messages.TileMarks:
+    return messages.TileMarks(
+        size=list(marks.size_px),
+        box=[round(float(edge), 1) for edge in marks.box.xyxy_px],
+        confidence=round(marks.box.confidence, 3),
+        touches_edge=marks.box.touches_edge,
+        outlines=[outline.ravel().tolist() for outline in marks.outlines_px],
+        yaw_error_rad=round(marks.yaw_error_rad, 4),
+    )
+
+
+def _binary(header: messages.TileHeader, payload: bytes) -> bytes:
     encoded = header.model_dump_json().encode()
-    return len(encoded).to_bytes(4, "big") + encoded + event.jpeg
+    return len(encoded).to_bytes(4, "big") + encoded + payload

@@ -97,6 +97,8 @@ def messages_text() -> str:
         *(interface_text(model) for model in client),
         _union_text("ClientMessage", client),
         interface_text(messages.TileHeader),
+        interface_text(messages.TileMarks),
+        interface_text(messages.CodedTileHeader),
     ]
     return "\n\n".join(parts) + "\n"
 

@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.stages import Assignment, CameraPose, Capture, Metrics, Placement, SeedGeometry
+from server.stages import (
+    Assignment,
+    Box,
+    CameraPose,
+    Capture,
+    CodedPicture,
+    Metrics,
+    Placement,
+    SeedGeometry,
+)
 
 Level = Literal["info", "warning", "error"]
 
@@ -68,6 +77,23 @@ class DroneReported:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PictureMarks:
+    """What was seen in a picture, in whole pixels of it.
+
+    Attributes:
+        size_px: Width and height of the picture.
+        box: The object's box.
+        outlines_px: The region's outlines, each ``(k, 2)`` int.
+        yaw_error_rad: How far the drone must turn to face the box, counter-clockwise positive.
+    """
+
+    size_px: tuple[int, int]
+    box: Box
+    outlines_px: tuple[NDArray[np.int64], ...]
+    yaw_error_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FrameAnnotated:
     """A picture with its region, box, centroid and drone name drawn in; made for every frame.
 
@@ -79,6 +105,9 @@ class FrameAnnotated:
         damaged: As the frame says.
         latency_s: Seconds from the arrival of the frame's last datagram to this JPEG.
         skipped: Pictures of this drone that were decoded but not looked at, since the start.
+        coded: The picture as the drone sent it, for who draws ``marks`` on it, None without.
+        marks: What is drawn into the JPEG, None when nothing was seen.
+        note: What else there is to say of the picture.
     """
 
     drone_id: str
@@ -89,6 +118,9 @@ class FrameAnnotated:
     at: datetime = field(default_factory=_now)
     latency_s: float = 0.0
     skipped: int = 0
+    coded: CodedPicture | None = None
+    marks: PictureMarks | None = None
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics
-from server.mission.events import EventStream, FrameAnnotated
+from server.mission.events import EventStream, FrameAnnotated, PictureMarks
 from server.stages import Box, Frame, Region
 from server.swarm.drone import Drone
-from server.vision.annotate import annotate
+from server.vision.annotate import annotate, outlines_px
 from server.vision.config import RegionConfig, VisionConfig
 from server.vision.orientation import yaw_error
 from server.vision.region import RegionPrior, RegionTracker
@@ -183,9 +183,14 @@ class CameraEye:
         region, box = sight.region, sight.box
         config = self._drone.config
         camera = config.intrinsics
-        turn_rad = None
+        turn_rad = marks = None
         if box is not None:
             turn_rad = yaw_error(box, camera, float(np.deg2rad(config.tilt_deg)))
+            outlines = () if region is None else outlines_px(region)
+            marks = PictureMarks(frame.size_px, box, outlines, turn_rad)
+        note = ""
+        if not self._search.fits(frame):
+            note = f"calibrated for {camera.width}x{camera.height}: not searched"
         jpeg = annotate(
             frame,
             region,
@@ -193,9 +198,7 @@ class CameraEye:
             config.label,
             config.colour,
             yaw_error_rad=turn_rad,
-            note=""
-            if self._search.fits(frame)
-            else f"calibrated for {camera.width}x{camera.height}: not searched",
+            note=note,
         )
         arrived_s = frame.captured_s if frame.completed_s is None else frame.completed_s
         annotated = FrameAnnotated(
@@ -206,6 +209,9 @@ class CameraEye:
             frame.damaged,
             latency_s=self._clock() - arrived_s,
             skipped=skipped,
+            coded=frame.coded,
+            marks=marks,
+            note=note,
         )
         return sight, annotated
 

@@ -41,6 +41,7 @@ class AccessUnit:
         key: True when it can be decoded without any other picture.
         has_sets: True when both parameter sets came along.
         damaged: True when data is known or suspected to be lost since the last key picture.
+        number: Counts the pictures of this drone: whoever passes them on sees what is missing.
     """
 
     data: bytes
@@ -49,6 +50,7 @@ class AccessUnit:
     key: bool
     has_sets: bool
     damaged: bool
+    number: int = 0
 
 
 class _Bits:
@@ -110,6 +112,7 @@ class AccessUnits:
         self.orphans = 0
         self.suspected = 0
         self.repeated = 0
+        self._count = 0
         self._lately: deque[bytes] = deque(maxlen=_PIECES_KEPT)
         self._buffer = bytearray()
         self._captured_s = self._newest_s = 0.0
@@ -193,7 +196,10 @@ class AccessUnits:
         if is_reference:
             self._reference = number
         has_sets = {_SPS, _PPS} <= kinds
-        return AccessUnit(data, self._captured_s, self._newest_s, key, has_sets, self._damaged)
+        self._count += 1
+        return AccessUnit(
+            data, self._captured_s, self._newest_s, key, has_sets, self._damaged, self._count
+        )
 
     @staticmethod
     def _ends_suspiciously(data: bytes) -> bool:

@@ -8,7 +8,7 @@ import av
 from av.codec.context import Flags
 from av.error import FFmpegError
 
-from server.stages import Frame
+from server.stages import CodedPicture, Frame
 from server.swarm.access_units import AccessUnit
 from server.swarm.decoded_picture import PictureConverter
 
@@ -56,6 +56,9 @@ class UnitDecoder:
         if len(decoded) != 1 or any(frame.is_corrupt for frame in decoded):
             self.errors += 1
             self._damaged = True
+        coded = None
+        if len(pictures) == 1:
+            coded = CodedPicture(unit.data, unit.key and unit.has_sets, unit.number)
         frames: list[Frame] = []
         for picture in pictures:
             frames.append(
@@ -66,6 +69,7 @@ class UnitDecoder:
                     picture,
                     self._damaged,
                     unit.completed_s,
+                    coded,
                 )
             )
             self._sequence += 1

@@ -34,15 +34,36 @@ def _label(canvas: np.ndarray, text: str, x: int, y: int, colour: tuple[int, int
     cv2.putText(canvas, text, (x + 4, y + height + 3), font, size, colour, 1, cv2.LINE_AA)
 
 
+def outlines_px(region: Region, most_points: int = 120) -> tuple[np.ndarray, ...]:
+    """Return the outlines of a region, each ``(k, 2)`` int, full-picture pixels.
+
+    They are made coarser until they have no more than ``most_points`` points.
+    """
+    contours = _contours(region)
+    tolerance = 0.5
+    while sum(len(contour) for contour in contours) > most_points:
+        coarse = (cv2.approxPolyDP(contour, tolerance, True) for contour in contours)
+        # A speck that has become a line tells nothing.
+        contours = [contour for contour in coarse if len(contour) > 2]
+        tolerance *= 2.0
+    scaled = ((contour[:, 0] + 0.5) * region.mask_scale - 0.5 for contour in contours)
+    return tuple(np.rint(contour).astype(np.int64) for contour in scaled)
+
+
+def _contours(region: Region) -> list[np.ndarray]:
+    """Return the outlines ``(k, 1, 2)`` of a region, mask pixels."""
+    mask = np.ascontiguousarray(region.mask).view(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return list(contours)
+
+
 def _draw_region(
     canvas: np.ndarray, region: Region, frame_size: tuple[int, int], colour: tuple[int, int, int]
 ) -> None:
-    mask = np.ascontiguousarray(region.mask).view(np.uint8)
-    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     factor = region.mask_scale * np.array(
         [canvas.shape[1] / frame_size[0], canvas.shape[0] / frame_size[1]]
     )
-    outlines = [((contour + 0.5) * factor + 0.5).astype(np.int32) for contour in contours]
+    outlines = [((contour + 0.5) * factor + 0.5).astype(np.int32) for contour in _contours(region)]
     cv2.polylines(canvas, outlines, True, _INK, 3)
     cv2.polylines(canvas, outlines, True, colour, 1)
 

@@ -20,6 +20,7 @@ def test_every_message_has_its_interface_and_place_in_the_union() -> None:
             assert f"export interface {model.__name__} {{" in text
             assert f"  | {model.__name__}" in text
     assert "export interface TileHeader {" in text
+    assert "export interface CodedTileHeader {" in text
 
 
 def test_no_message_class_was_forgotten() -> None:
@@ -28,6 +29,8 @@ def test_no_message_class_was_forgotten() -> None:
         *typescript.members(messages.ClientMessage),
         *typescript.PARTS,
         messages.TileHeader,
+        messages.TileMarks,
+        messages.CodedTileHeader,
     }
     public = {
         value

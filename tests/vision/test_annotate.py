@@ -1,11 +1,13 @@
 """The annotated picture is a JPEG of the asked size that shows region and box."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from server.stages import Box, Frame, Region
-from server.vision.annotate import annotate
+from server.vision.annotate import annotate, outlines_px
 
 FRAME = Frame("d", 0, 0.0, np.full((720, 960, 3), 128, np.uint8), False)
 
@@ -77,3 +79,15 @@ def test_drawing_leaves_the_frame_as_it_is():
 def test_a_malformed_colour_is_refused():
     with pytest.raises(ValueError, match="#rrggbb"):
         annotate(FRAME, None, None, "North", "red")
+
+
+def test_outlines_are_told_in_pixels_of_the_picture_and_kept_short() -> None:
+    mask = np.zeros((180, 240), bool)
+    mask[60:120, 80:160] = True
+    (outline,) = outlines_px(Region(np.array([480.0, 360.0]), 80.0, 10.0, mask, 4.0, 0.9))
+    assert sorted(map(tuple, outline.tolist())) == [(322, 242), (322, 478), (638, 242), (638, 478)]
+    rng = np.random.default_rng(1)
+    ragged = Region(np.array([480.0, 360.0]), 80.0, 10.0, rng.random((180, 240)) > 0.5, 4.0, 0.9)
+    coarse = outlines_px(ragged, most_points=50)
+    assert sum(len(outline) for outline in coarse) <= 50
+    assert outlines_px(replace(ragged, mask=np.zeros((180, 240), bool))) == ()

@@ -30,6 +30,7 @@ import type { Note } from "./protocol/messages.gen";
 import { fliesByItself } from "./state/state";
 import { Store } from "./state/store";
 import { words } from "./text/words";
+import { canDecode } from "./video/codedVideo";
 
 /** The word on each stop's button. */
 export const STOP_WORD: Readonly<Record<Stop, string>> = {
@@ -42,10 +43,12 @@ export const STOP_WORD: Readonly<Record<Stop, string>> = {
 export class Operator {
   readonly store = new Store();
   readonly tiles = new TileHub();
+  readonly #page: Pick<Location, "search">;
   readonly #stream: ConsoleStream;
   readonly #command: Command;
 
-  constructor(page: Pick<Location, "protocol" | "host">, memory: CommandMemory) {
+  constructor(page: Pick<Location, "protocol" | "host" | "search">, memory: CommandMemory) {
+    this.#page = page;
     this.#stream = new ConsoleStream(streamUrl(page), {
       onOpen: () => {
         // Logged first: what comes from here on is what was missed.
@@ -75,6 +78,9 @@ export class Operator {
   start(): void {
     this.#stream.start();
     this.#command.restore();
+    void canDecode(this.#page).then((can) => {
+      if (can) this.#stream.codeTiles("h264");
+    });
   }
 
   /** The page ends. With drones in the air that is silence; with all of them down it is leave. */
@@ -109,6 +115,12 @@ export class Operator {
   /** Have the pictures of these drones sent, and no others. */
   showVideo(droneIds: readonly string[]): void {
     this.#stream.showTiles(droneIds);
+  }
+
+  /** Have no more coded video sent: this browser cannot show it. */
+  showPicturesOnly(): void {
+    this.#stream.codeTiles("jpeg");
+    this.log("warning", words.log.notDecoded);
   }
 
   dismissAlarm(id: number): void {

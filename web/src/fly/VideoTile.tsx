@@ -25,7 +25,7 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
   const { drone_id: droneId, name, colour } = drone.report;
   const frame = useRef<HTMLElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
-  const { ageS, shownPerS, damaged } = useTile(droneId, frame, canvas);
+  const { ageS, shownPerS, damaged } = useTile(droneId, { name, colour }, frame, canvas);
   const { video_wanted: wanted } = drone.report;
   const gone = ageS === null || ageS > GONE_S || !wanted;
   const old = !gone && ageS > OLD_S;

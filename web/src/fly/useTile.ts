@@ -1,6 +1,8 @@
 import { useEffect, useState, type RefObject } from "react";
 import { useOperator } from "../context";
 import type { Tile } from "../protocol/tile";
+import { CodedVideo } from "../video/codedVideo";
+import { drawMarks } from "../video/drawMarks";
 
 /** What a tile knows about the pictures it has shown. */
 export interface TileStats {
@@ -20,27 +22,46 @@ interface Shown {
 const NOTHING_SHOWN: Shown = { takenMs: null, damaged: false, timesMs: [] };
 const WINDOW_MS = 2000;
 const LOOK_EVERY_MS = 250;
+/** A picture at most so many behind the newest has merely been overtaken. */
+const LATE_PICTURES = 60;
 
 /**
- * Draw a drone's pictures into `canvas` and note the shown sequence on `frame`.
+ * Draw a drone's pictures into `canvas` and note the shown sequence on `frame`, and how it came.
  *
  * Drawing goes past React; only the numbers are looked at, four times a second.
  */
 export function useTile(
   droneId: string,
+  face: { readonly name: string; readonly colour: string },
   frame: RefObject<HTMLElement | null>,
   canvas: RefObject<HTMLCanvasElement | null>,
 ): TileStats {
-  const { tiles } = useOperator();
+  const operator = useOperator();
+  const { tiles } = operator;
+  const { name, colour } = face;
   const [stats, setStats] = useState(() => statsAt(NOTHING_SHOWN, 0));
   useEffect(() => {
     let shown = NOTHING_SHOWN;
-    const detach = tiles.attach(droneId, async ({ header, jpeg }: Tile) => {
+    let newest = -1;
+    const video = new CodedVideo(() => {
+      operator.showPicturesOnly();
+    });
+    const detach = tiles.attach(droneId, async (tile: Tile) => {
+      const { header } = tile;
       const arrivedMs = Date.now();
-      const picture = await createImageBitmap(jpeg);
-      if (canvas.current !== null) draw(canvas.current, picture);
+      const picture = tile.kind === "jpeg" ? await createImageBitmap(tile.jpeg) : await video.decode(tile);
+      // Two decoders are at work: what came first may be ready last. A drone that was away counts anew.
+      const late = header.sequence < newest && newest - header.sequence < LATE_PICTURES;
+      if (canvas.current !== null && !late) {
+        draw(canvas.current, picture);
+        const drawing = canvas.current.getContext("2d");
+        if (tile.kind === "h264" && drawing !== null) drawMarks(drawing, tile.header, name, colour);
+      }
       picture.close();
+      if (late) return;
+      newest = header.sequence;
       frame.current?.setAttribute("data-sequence", String(header.sequence));
+      frame.current?.setAttribute("data-coding", tile.kind);
       shown = {
         takenMs: arrivedMs - 1000 * header.age_s,
         damaged: header.damaged,
@@ -52,9 +73,10 @@ export function useTile(
     }, LOOK_EVERY_MS);
     return () => {
       detach();
+      video.close();
       clearInterval(timer);
     };
-  }, [tiles, droneId, frame, canvas]);
+  }, [operator, tiles, droneId, name, colour, frame, canvas]);
   return stats;
 }
 
@@ -67,10 +89,12 @@ function statsAt(shown: Shown, nowMs: number): TileStats {
   };
 }
 
-function draw(canvas: HTMLCanvasElement, picture: ImageBitmap): void {
-  if (canvas.width !== picture.width || canvas.height !== picture.height) {
-    canvas.width = picture.width;
-    canvas.height = picture.height;
+function draw(canvas: HTMLCanvasElement, picture: ImageBitmap | VideoFrame): void {
+  const [width, height] =
+    picture instanceof ImageBitmap ? [picture.width, picture.height] : [picture.displayWidth, picture.displayHeight];
+  if (canvas.width !== width || canvas.height !== height) {
+    canvas.width = width;
+    canvas.height = height;
   }
   canvas.getContext("2d")?.drawImage(picture, 0, 0);
 }

@@ -237,13 +237,14 @@ export type ServerMessage =
   | Note
   | Missed;
 
-/** Which drones' pictures to send; the others pause. Default: all. */
+/** Which drones' pictures to send; the others pause. Default: all, as JPEG. With ``h264`` a JPEG still comes where no coded picture can be decoded: before the first key picture, and after a gap. */
 export interface ShowTiles {
   readonly type: "show_tiles";
   readonly drone_ids: readonly string[];
+  readonly coding: "jpeg" | "h264";
 }
 
-/** Acknowledges one picture; the next one of that drone is sent only then. */
+/** Acknowledges one picture, and the coded ones before it. A drone's next JPEG is sent only then; of coded pictures a few may be under way. */
 export interface TileShown {
   readonly type: "tile_shown";
   readonly drone_id: string;
@@ -308,4 +309,26 @@ export interface TileHeader {
   readonly sequence: number;
   readonly age_s: number;
   readonly damaged: boolean;
+}
+
+/** What was seen in a picture, in pixels of one of ``size`` (width, height). ``box`` is left, top, right, bottom; each outline is x, y, x, y and so on. */
+export interface TileMarks {
+  readonly size: readonly number[];
+  readonly box: readonly number[];
+  readonly confidence: number;
+  readonly touches_edge: boolean;
+  readonly outlines: readonly (readonly number[])[];
+  readonly yaw_error_rad: number;
+}
+
+/** The header of a picture as the drone sent it: H.264, one access unit, Annex B. ``note`` is what else there is to say of the picture, mostly nothing. */
+export interface CodedTileHeader {
+  readonly drone_id: string;
+  readonly sequence: number;
+  readonly age_s: number;
+  readonly damaged: boolean;
+  readonly coding: "h264";
+  readonly key: boolean;
+  readonly marks: TileMarks | null;
+  readonly note: string;
 }

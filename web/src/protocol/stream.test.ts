@@ -141,8 +141,11 @@ describe("ConsoleStream", () => {
     socket(0).lose();
     vi.advanceTimersByTime(250);
     socket(1).open();
-    const wish = { type: "show_tiles", drone_ids: [] };
+    const wish = { type: "show_tiles", drone_ids: [], coding: "jpeg" };
     expect([socket(0).sent, socket(1).sent]).toEqual([[wish], [wish]]);
+    stream.codeTiles("h264");
+    stream.codeTiles("h264");
+    expect(socket(1).sent).toEqual([wish, { ...wish, coding: "h264" }]);
   });
 
   it("sends heartbeats on the open line and keeps none for later", () => {

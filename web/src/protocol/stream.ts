@@ -44,6 +44,7 @@ export class ConsoleStream {
   #running = false;
   /** Drones whose pictures are wanted; null means all, which is what the server starts with. */
   #shown: readonly string[] | null = null;
+  #coding: "jpeg" | "h264" = "jpeg";
 
   constructor(url: string, listener: StreamListener, open: (url: string) => Socket = openSocket) {
     this.#url = url;
@@ -68,7 +69,14 @@ export class ConsoleStream {
   /** Ask for the pictures of these drones only, now and after every reconnection. */
   showTiles(droneIds: readonly string[]): void {
     this.#shown = droneIds;
-    this.#send({ type: "show_tiles", drone_ids: droneIds });
+    this.#sendShown();
+  }
+
+  /** Have pictures come in this form, now and after every reconnection. */
+  codeTiles(coding: "jpeg" | "h264"): void {
+    if (coding === this.#coding) return;
+    this.#coding = coding;
+    this.#sendShown();
   }
 
   /** Tell the server that the operator in command is there; lost with the line, as it should be. */
@@ -108,7 +116,7 @@ export class ConsoleStream {
     socket.onopen = () => {
       if (socket !== this.#socket) return;
       this.#retryMs = FIRST_RETRY_MS;
-      if (this.#shown !== null) this.#send({ type: "show_tiles", drone_ids: this.#shown });
+      this.#sendShown();
       this.#listener.onOpen();
     };
     socket.onmessage = (event) => {
@@ -166,6 +174,12 @@ export class ConsoleStream {
     };
     // A picture that cannot be shown is acknowledged too: otherwise its drone's video would stop.
     this.#listener.onTile(tile).then(acknowledge, acknowledge);
+  }
+
+  #sendShown(): void {
+    // Before the page has chosen, the server's own choice stands.
+    if (this.#shown === null) return;
+    this.#send({ type: "show_tiles", drone_ids: this.#shown, coding: this.#coding });
   }
 
   #send(message: ClientMessage): boolean {

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { parseTile, TileError } from "./tile";
+import { parseTile, TileError, type JpegTile } from "./tile";
 
 const HEADER = { drone_id: "drone-1", sequence: 70_001, age_s: 0.125, damaged: false };
 const JPEG = Uint8Array.from([0xff, 0xd8, 1, 2, 3, 0xff, 0xd9]);
@@ -15,16 +15,45 @@ function message(headerText: string, jpeg: Uint8Array = JPEG, length?: number): 
 
 describe("parseTile", () => {
   it("reads header and picture, byte for byte", async () => {
-    const tile = parseTile(message(JSON.stringify(HEADER)));
+    const tile = parseTile(message(JSON.stringify(HEADER))) as JpegTile;
+    expect(tile.kind).toBe("jpeg");
     expect(tile.header).toEqual(HEADER);
     expect(tile.jpeg.type).toBe("image/jpeg");
     expect(new Uint8Array(await tile.jpeg.arrayBuffer())).toEqual(JPEG);
   });
 
   it("counts the header in bytes, not in letters", () => {
-    const tile = parseTile(message(JSON.stringify({ ...HEADER, drone_id: "drône-é" })));
+    const tile = parseTile(message(JSON.stringify({ ...HEADER, drone_id: "drône-é" }))) as JpegTile;
     expect(tile.header.drone_id).toBe("drône-é");
     expect(tile.jpeg.size).toBe(JPEG.length);
+  });
+
+  const MARKS = {
+    size: [960, 720],
+    box: [1.5, 2, 30, 40],
+    confidence: 0.9,
+    touches_edge: false,
+    outlines: [[1, 2, 3, 4, 5, 6]],
+    yaw_error_rad: -0.1,
+  };
+  const CODED = { ...HEADER, coding: "h264", key: true, marks: MARKS, note: "" };
+
+  it("reads a picture as the drone sent it, and what to draw on it", () => {
+    for (const header of [CODED, { ...CODED, key: false, marks: null, note: "odd" }]) {
+      const tile = parseTile(message(JSON.stringify(header)));
+      expect(tile).toEqual({ kind: "h264", header, data: JPEG });
+    }
+  });
+
+  it.each([
+    ["another coding", { ...CODED, coding: "vp9" }],
+    ["no key", { ...CODED, key: undefined }],
+    ["no note", { ...CODED, note: null }],
+    ["half a box", { ...CODED, marks: { ...MARKS, box: [1, 2, 3] } }],
+    ["outlines of words", { ...CODED, marks: { ...MARKS, outlines: [["a"]] } }],
+    ["no marks", { ...CODED, marks: undefined }],
+  ])("refuses a coded tile with %s", (_, header) => {
+    expect(() => parseTile(message(JSON.stringify(header)))).toThrow(TileError);
   });
 
   it("reads the length as big-endian", () => {

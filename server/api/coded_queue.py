@@ -1,0 +1,57 @@
+"""Coded pictures of one drone on their way to one client. Does no I/O and reads no clock.
+
+A coded picture means nothing without the one before it, so none may be left out but up to the next
+key picture. What waits is therefore a chain: it begins at a key picture or goes on from what was
+sent last, has no gaps, and is given up as a whole when it grows too long.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from server.mission.events import FrameAnnotated
+
+# Half a second at 30 pictures per second; a client further behind goes on at a key picture.
+_LONGEST = 15
+# So many may be under way: a decoder may want one or two more before it shows the first.
+_UNDER_WAY = 6
+
+
+class CodedQueue:
+    """The chain of one drone's pictures."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[FrameAnnotated] = deque()
+        self._under_way: deque[int] = deque()
+        self._last: int | None = None
+
+    def offer(self, event: FrameAnnotated) -> bool:
+        """Take a picture; returns whether the client will be able to decode it."""
+        coded = event.coded
+        follows = coded is not None and self._last is not None and coded.number == self._last + 1
+        if coded is None or not (coded.key or follows):
+            self._last = None
+            return False
+        if coded.key:
+            self._waiting.clear()  # Newest wins, and this one needs none of them.
+        elif len(self._waiting) >= _LONGEST:
+            self._waiting.clear()
+            self._last = None
+            return False
+        self._waiting.append(event)
+        self._last = coded.number
+        return True
+
+    def take(self) -> FrameAnnotated | None:
+        """Return the next picture to send, None while there is none or enough are under way."""
+        if not self._waiting or len(self._under_way) >= _UNDER_WAY:
+            return None
+        event = self._waiting.popleft()
+        self._under_way.append(event.sequence)
+        return event
+
+    def shown(self, sequence: int) -> None:
+        """Note that the client has shown a picture, or passed over it."""
+        if sequence in self._under_way:
+            while self._under_way.popleft() != sequence:
+                pass

@@ -1,0 +1,155 @@
+"""Coded pictures on their way to one client: chains without gaps; JPEG where there is none."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fake_mission import JPEG, frame
+from hypothesis import given
+from hypothesis import strategies as st
+
+from server.api.coded_queue import CodedQueue
+from server.api.messages import CodedTileHeader, TileHeader
+from server.api.outbox import Outbox
+from server.api.translate import coded_tile_from_frame
+from server.mission.events import FrameAnnotated, PictureMarks
+from server.stages import Box, CodedPicture
+
+
+def coded(number: int, *, key: bool = False, drone_id: str = "drone-1") -> FrameAnnotated:
+    picture = CodedPicture(b"\0\0\1" + bytes([number % 256]), key, number)
+    return replace(frame(drone_id, number), coded=picture)
+
+
+def opened(message: object) -> tuple[TileHeader, bytes]:
+    assert isinstance(message, bytes)
+    end = 4 + int.from_bytes(message[:4], "big")
+    known = CodedTileHeader if "coding" in json.loads(message[4:end]) else TileHeader
+    return known.model_validate_json(message[4:end]), message[end:]
+
+
+def taken(outbox: Outbox) -> list[tuple[TileHeader, bytes]]:
+    sent = []
+    while (message := outbox.take(0.0)) is not None:
+        sent.append(opened(message))
+    return sent
+
+
+def test_a_chain_begins_at_a_key_picture_and_ends_at_a_gap() -> None:
+    queue = CodedQueue()
+    offered = [coded(1), coded(2, key=True), coded(3), coded(5), coded(6), coded(7, key=True)]
+    assert [queue.offer(event) for event in offered] == [False, True, True, False, False, True]
+    # The key picture needs none of those that wait.
+    assert [queue.take(), queue.take()] == [offered[-1], None]
+
+
+def test_a_picture_that_did_not_come_coded_ends_the_chain() -> None:
+    queue = CodedQueue()
+    assert queue.offer(coded(1, key=True))
+    assert not queue.offer(frame("drone-1", 2))
+    assert not queue.offer(coded(2))
+
+
+def test_few_are_under_way_and_an_answer_counts_for_those_before_it() -> None:
+    queue = CodedQueue()
+    for number in range(12):
+        assert queue.offer(coded(number, key=number == 0))
+    first = [queue.take() for _ in range(7)]
+    assert [event.sequence for event in first if event is not None] == [0, 1, 2, 3, 4, 5]
+    queue.shown(99)
+    assert queue.take() is None
+    queue.shown(3)
+    queue.shown(3)
+    rest = [queue.take() for _ in range(5)]
+    assert [event.sequence for event in rest if event is not None] == [6, 7, 8, 9]
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(["next", "gap", "key", "plain"]), st.booleans(), st.booleans()),
+        max_size=120,
+    )
+)
+def test_whatever_comes_every_picture_sent_can_be_decoded(
+    steps: list[tuple[str, bool, bool]],
+) -> None:
+    queue, number = CodedQueue(), 0
+    sent: list[int] = []
+    waiting = 0
+    for kind, take, shown in steps:
+        number += 2 if kind == "gap" else 1
+        event = frame("d", number) if kind == "plain" else coded(number, key=kind == "key")
+        accepted = queue.offer(event)
+        waiting = 0 if event.coded is not None and event.coded.key else waiting
+        waiting += accepted
+        assert waiting <= 40
+        if take and (out := queue.take()) is not None:
+            assert out.coded is not None
+            assert out.coded.key or out.coded.number == sent[-1] + 1
+            sent.append(out.coded.number)
+            waiting -= 1
+            if shown:
+                queue.shown(out.sequence)
+
+
+def test_a_client_that_decodes_gets_jpeg_only_where_there_is_no_chain() -> None:
+    outbox = Outbox(10)
+    outbox.show(["drone-1"], coded=True)
+    outbox.offer(coded(1))
+    outbox.offer(coded(1, key=True, drone_id="drone-2"))
+    ((header, data),) = taken(outbox)
+    assert (type(header), header.sequence, data) == (TileHeader, 1, JPEG)
+    outbox.offer(coded(2))
+    assert taken(outbox) == []  # The JPEG has not been shown yet.
+    outbox.offer(coded(3, key=True))
+    outbox.offer(coded(4))
+    headers = [header for header, _ in taken(outbox)]
+    assert [(type(h), h.sequence) for h in headers] == [(CodedTileHeader, 3), (CodedTileHeader, 4)]
+    outbox.shown("drone-1", 1)
+    assert taken(outbox) == []  # Overtaken.
+
+
+def test_who_is_content_with_jpeg_gets_nothing_else() -> None:
+    outbox = Outbox(10)
+    outbox.show(["drone-1"], coded=True)
+    outbox.offer(coded(1, key=True))
+    outbox.show(["drone-1"])
+    outbox.offer(coded(2))
+    assert [type(header) for header, _ in taken(outbox)] == [TileHeader]
+
+
+def test_a_hidden_drone_begins_anew_and_the_others_go_on() -> None:
+    outbox = Outbox(10)
+    both = ["drone-1", "drone-2"]
+    outbox.show(both, coded=True)
+    for drone_id in both:
+        outbox.offer(coded(1, key=True, drone_id=drone_id))
+    assert len(taken(outbox)) == 2
+    outbox.show(["drone-2"], coded=True)
+    outbox.show(both, coded=True)
+    for drone_id in both:
+        outbox.offer(coded(2, drone_id=drone_id))
+    kinds = {header.drone_id: type(header) for header, _ in taken(outbox)}
+    assert kinds == {"drone-1": TileHeader, "drone-2": CodedTileHeader}
+
+
+def test_the_header_tells_what_was_seen_and_stays_short() -> None:
+    edge = np.arange(0, 960, 8)
+    outline = np.stack([edge, edge % 720], axis=1)
+    box = Box(np.array([10.25, 20.0, 300.04, 400.0]), 0.87654, touches_edge=False)
+    marks = PictureMarks((960, 720), box, (outline,), -0.123456)
+    event = replace(coded(7, key=True), marks=marks, note="odd")
+    message = coded_tile_from_frame(event, event.captured_s + 0.25)
+    header, data = opened(message)
+    assert isinstance(header, CodedTileHeader)
+    assert (header.sequence, header.age_s, header.key, header.note) == (7, 0.25, True, "odd")
+    assert data == b"\0\0\1\7"
+    assert header.marks is not None
+    assert header.marks.box == [10.2, 20.0, 300.0, 400.0]
+    assert header.marks.outlines == [outline.ravel().tolist()]
+    assert len(message) < 2048
+    with pytest.raises(ValueError, match="no coded form"):
+        coded_tile_from_frame(frame(), 0.0)

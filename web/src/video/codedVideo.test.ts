@@ -1,0 +1,152 @@
+import { beforeEach, describe, expect, it, vi } from "vitest";
+import type { CodedTile } from "../protocol/tile";
+import { codecOf } from "./annexB";
+import { CodedVideo, PassedOver, type Decoder, type DecoderEvents } from "./codedVideo";
+
+const SETS = [0, 0, 0, 1, 0x67, 0x4d, 0x40, 0x28, 9, 0, 0, 1, 0x68, 1];
+
+function tile(sequence: number, key = false, sets: readonly number[] = SETS): CodedTile {
+  const data = Uint8Array.from([...(key ? sets : []), 0, 0, 1, key ? 0x65 : 0x41, 7]);
+  return {
+    kind: "h264",
+    header: { drone_id: "a", sequence, age_s: 0, damaged: false, coding: "h264", key, marks: null, note: "" },
+    data,
+  };
+}
+
+/** A decoder that does as it is told. */
+class FakeDecoder implements Decoder {
+  state: CodecState = "unconfigured";
+  readonly events: DecoderEvents;
+  readonly decoded: { type: string; timestamp: number }[] = [];
+  config: VideoDecoderConfig | null = null;
+  constructor(events: DecoderEvents) {
+    this.events = events;
+  }
+  configure(config: VideoDecoderConfig): void {
+    this.config = config;
+    this.state = "configured";
+  }
+  decode(chunk: EncodedVideoChunk): void {
+    this.decoded.push(chunk);
+  }
+  close(): void {
+    this.state = "closed";
+  }
+  put(sequence: number): { timestamp: number; close: () => void } {
+    const picture = { timestamp: sequence, close: vi.fn() };
+    this.events.output(picture as unknown as VideoFrame);
+    return picture;
+  }
+  fail(): void {
+    this.state = "closed";
+    this.events.error(new DOMException("broken"));
+  }
+}
+
+function setup() {
+  const decoders: FakeDecoder[] = [];
+  const onGiveUp = vi.fn();
+  const video = new CodedVideo(onGiveUp, (events) => {
+    const decoder = new FakeDecoder(events);
+    decoders.push(decoder);
+    return decoder;
+  });
+  return { video, decoders, onGiveUp };
+}
+
+beforeEach(() => {
+  vi.stubGlobal(
+    "EncodedVideoChunk",
+    class {
+      readonly type: string;
+      readonly timestamp: number;
+      constructor({ type, timestamp }: EncodedVideoChunkInit) {
+        this.type = type;
+        this.timestamp = timestamp;
+      }
+    },
+  );
+});
+
+describe("codecOf", () => {
+  it("reads profile, constraints and level of the first parameter set", () => {
+    expect(codecOf(Uint8Array.from(SETS))).toBe("avc1.4D4028");
+  });
+
+  it.each([[[]], [[0, 0, 1]], [[0, 0, 1, 0x41, 1, 2, 3, 4]], [[0, 0, 1, 0x67, 0x42]]])("finds none in %j", (bytes) => {
+    expect(codecOf(Uint8Array.from(bytes))).toBeNull();
+  });
+});
+
+describe("CodedVideo", () => {
+  it("waits for a key picture, then decodes in Annex B with low delay", async () => {
+    const { video, decoders } = setup();
+    await expect(video.decode(tile(1))).rejects.toThrow(PassedOver);
+    expect(decoders).toHaveLength(0);
+    const key = video.decode(tile(2, true));
+    const next = video.decode(tile(3));
+    expect(decoders[0]?.config).toEqual({ codec: "avc1.4D4028", optimizeForLatency: true });
+    expect(decoders[0]?.decoded.map(({ type, timestamp }) => [type, timestamp])).toEqual([
+      ["key", 2],
+      ["delta", 3],
+    ]);
+    decoders[0]?.put(2);
+    decoders[0]?.put(3);
+    expect((await key).timestamp).toBe(2);
+    expect((await next).timestamp).toBe(3);
+  });
+
+  it("passes over what the decoder leaves out, and closes what nobody waits for", async () => {
+    const { video, decoders } = setup();
+    const key = video.decode(tile(2, true));
+    const next = video.decode(tile(3));
+    decoders[0]?.put(3);
+    await expect(key).rejects.toThrow("left out");
+    expect((await next).timestamp).toBe(3);
+    expect(decoders[0]?.put(3).close).toHaveBeenCalledOnce();
+  });
+
+  it("goes on at the next key picture after a failure", async () => {
+    const { video, decoders, onGiveUp } = setup();
+    const key = video.decode(tile(2, true));
+    decoders[0]?.fail();
+    await expect(key).rejects.toThrow("broken");
+    await expect(video.decode(tile(3))).rejects.toThrow("waits for a key picture");
+    const later = video.decode(tile(4, true));
+    decoders[1]?.put(4);
+    expect((await later).timestamp).toBe(4);
+    expect(onGiveUp).not.toHaveBeenCalled();
+  });
+
+  it("gives up after three failures in a row, not after more that were not", async () => {
+    const { video, decoders, onGiveUp } = setup();
+    for (let k = 0; k < 5; k++) {
+      const shown = video.decode(tile(10 * k, true));
+      decoders[2 * k]?.put(10 * k);
+      await shown;
+      decoders[2 * k]?.fail();
+      const lost = video.decode(tile(10 * k + 5, true));
+      decoders[2 * k + 1]?.fail();
+      await expect(lost).rejects.toThrow();
+    }
+    expect(onGiveUp).not.toHaveBeenCalled();
+    const lost = video.decode(tile(99, true));
+    decoders[10]?.fail();
+    await expect(lost).rejects.toThrow();
+    expect(onGiveUp).toHaveBeenCalledOnce();
+  });
+
+  it("keeps its decoder over key pictures, and makes another for another stream", async () => {
+    const { video, decoders } = setup();
+    const shown = [video.decode(tile(1, true)), video.decode(tile(2, true))];
+    expect(decoders).toHaveLength(1);
+    const other = video.decode(tile(3, true, [0, 0, 1, 0x67, 0x42, 0xe0, 0x1f, 1]));
+    for (const each of shown) await expect(each).rejects.toThrow("changed");
+    expect(decoders[0]?.state).toBe("closed");
+    decoders[1]?.put(3);
+    expect((await other).timestamp).toBe(3);
+    video.close();
+    expect(decoders[1]?.state).toBe("closed");
+  });
+});

@@ -1,0 +1,142 @@
+import type { CodedTile } from "../protocol/tile";
+import { codecOf } from "./annexB";
+
+/** The part of a VideoDecoder that is used; tests bring their own. */
+export type Decoder = Pick<VideoDecoder, "configure" | "decode" | "close" | "state">;
+
+/** What a decoder tells. */
+export interface DecoderEvents {
+  readonly output: (picture: VideoFrame) => void;
+  readonly error: (reason: DOMException) => void;
+}
+
+interface Waiting {
+  readonly resolve: (picture: VideoFrame) => void;
+  readonly reject: (reason: Error) => void;
+}
+
+/** After so many failures in a row the browser cannot decode this stream. */
+const MOST_FAILURES = 3;
+
+/** A picture that is not shown; the text says why. */
+export class PassedOver extends Error {
+  override readonly name = "PassedOver";
+}
+
+/**
+ * Decodes one drone's video. After a failure it begins anew at the next key picture; after three in
+ * a row, none decoded between them, it calls `onGiveUp`.
+ */
+export class CodedVideo {
+  readonly #onGiveUp: () => void;
+  readonly #make: (events: DecoderEvents) => Decoder;
+  readonly #waiting = new Map<number, Waiting>();
+  #decoder: Decoder | null = null;
+  #codec: string | null = null;
+  #failures = 0;
+
+  constructor(onGiveUp: () => void, make = (events: DecoderEvents): Decoder => new VideoDecoder(events)) {
+    this.#onGiveUp = onGiveUp;
+    this.#make = make;
+  }
+
+  /**
+   * Decode a picture; who gets it closes it.
+   *
+   * Rejects with PassedOver what cannot be decoded, or what the decoder has left out.
+   */
+  decode({ header, data }: CodedTile): Promise<VideoFrame> {
+    if (header.key) this.#begin(codecOf(data));
+    const decoder = this.#decoder;
+    if (decoder === null) return Promise.reject(new PassedOver("waits for a key picture"));
+    return new Promise((resolve, reject) => {
+      this.#waiting.set(header.sequence, { resolve, reject });
+      try {
+        // Its timestamp brings the sequence back.
+        decoder.decode(
+          new EncodedVideoChunk({
+            type: header.key ? "key" : "delta",
+            timestamp: header.sequence,
+            data,
+          }),
+        );
+      } catch (error) {
+        this.#fail(String(error));
+      }
+    });
+  }
+
+  close(): void {
+    this.#end("closed");
+  }
+
+  #begin(codec: string | null): void {
+    if (codec === null || (this.#decoder !== null && codec === this.#codec)) return;
+    this.#end("the stream has changed");
+    const decoder: Decoder = this.#make({
+      output: (picture) => {
+        this.#show(picture);
+      },
+      error: (reason) => {
+        if (this.#decoder === decoder) this.#fail(reason.message);
+      },
+    });
+    try {
+      decoder.configure({ codec, optimizeForLatency: true });
+    } catch (error) {
+      this.#fail(String(error));
+      return;
+    }
+    this.#decoder = decoder;
+    this.#codec = codec;
+  }
+
+  #show(picture: VideoFrame): void {
+    const waiting = this.#waiting.get(picture.timestamp);
+    if (waiting === undefined) {
+      picture.close();
+      return;
+    }
+    this.#failures = 0;
+    // Pictures come out in order: those before it never will.
+    for (const [sequence, before] of this.#waiting) {
+      if (sequence > picture.timestamp) continue;
+      this.#waiting.delete(sequence);
+      if (before !== waiting) before.reject(new PassedOver("left out by the decoder"));
+    }
+    waiting.resolve(picture);
+  }
+
+  #fail(reason: string): void {
+    this.#end(reason);
+    this.#failures += 1;
+    if (this.#failures === MOST_FAILURES) this.#onGiveUp();
+  }
+
+  #end(reason: string): void {
+    const decoder = this.#decoder;
+    this.#decoder = null;
+    if (decoder !== null && decoder.state !== "closed") decoder.close();
+    for (const waiting of this.#waiting.values()) waiting.reject(new PassedOver(reason));
+    this.#waiting.clear();
+  }
+}
+
+/** Profiles that a Tello and its simulator send: Baseline and Main. */
+const PROFILES = ["avc1.42E028", "avc1.4D4028"];
+
+/** Whether this page may decode the drones' video itself; `?video=jpeg` in its address says no. */
+export async function canDecode(page: Pick<Location, "search">): Promise<boolean> {
+  if (new URLSearchParams(page.search).get("video") === "jpeg") return false;
+  // Only pages from localhost or over https have it.
+  if (!("VideoDecoder" in globalThis)) return false;
+  const answers = await Promise.all(
+    PROFILES.map((codec) =>
+      VideoDecoder.isConfigSupported({ codec, optimizeForLatency: true }).then(
+        ({ supported }) => supported === true,
+        () => false,
+      ),
+    ),
+  );
+  return answers.every(Boolean);
+}
