@@ -1,7 +1,7 @@
 import type { CodedTileHeader, TileMarks } from "../protocol/messages.gen";
 import { words } from "../text/words";
 
-/** Sizes below are those of a picture this wide, and grow with it. */
+/** A canvas that is not laid out is taken for one so wide. */
 const WIDTH_PX = 640;
 const INK = "rgb(24 24 24)";
 
@@ -16,7 +16,8 @@ export function drawMarks(
   colour: string,
 ): void {
   const { width, height } = canvas.canvas;
-  const unit = width / WIDTH_PX;
+  // Lines and letters are as large on the page, however large the tile is.
+  const unit = width / (canvas.canvas.clientWidth || WIDTH_PX);
   canvas.lineJoin = "round";
   canvas.font = `${13 * unit}px system-ui, sans-serif`;
   canvas.textBaseline = "middle";
@@ -26,7 +27,8 @@ export function drawMarks(
     [centre.x, centre.y - 7 * unit, centre.x, centre.y + 7 * unit],
   ], "white", unit);
   if (marks !== null) drawSeen(canvas, marks, colour, unit, centre);
-  label(canvas, name, 8 * unit, 8 * unit, colour, unit);
+  // The tile's tools lie over the upper edge, its numbers over the right corner below.
+  label(canvas, name, 8 * unit, height - 28 * unit, colour, unit);
   if (marks === null) label(canvas, words.fly.marks.nothing, 8 * unit, 34 * unit, "white", unit);
   if (note !== "") label(canvas, note, 8 * unit, 60 * unit, "white", unit);
 }
@@ -68,7 +70,7 @@ function drawSeen(
   canvas.arc(middle.x, middle.y, 4 * unit, 0, 2 * Math.PI);
   canvas.fillStyle = colour;
   canvas.fill();
-  // Never over the drone's name in the corner.
+  // Never under the tile's tools.
   label(canvas, seenText(marks), left, Math.max(top - 24 * unit, 34 * unit), colour, unit);
 }
 
