@@ -95,7 +95,8 @@ class _Silhouette:
             cv2.remap(f.astype(np.float32), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             for f in fields
         ]
-        return read[0].ravel().astype(float), np.stack([read[1].ravel(), read[2].ravel()], axis=1)
+        distance, slope_x, slope_y = (np.asarray(values, float).ravel() for values in read)
+        return distance, np.stack([slope_x, slope_y], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +221,8 @@ def _common_shape(seen: dict[int, _Silhouette], poses: Array) -> _Shape | None:
         if not held.any():
             break
         # What lies inside is never seen.
-        skin = (held & ~ndimage.binary_erosion(held)).reshape(-1)
+        inner: Mask = np.asarray(ndimage.binary_erosion(held), bool)
+        skin = (held & ~inner).reshape(-1)
         shape = _Shape(points[skin], 2.0 * half_m / _CELLS)
         drawn = (_drawn(shape, poses[i], s.camera)[0] for i, s in seen.items())
         matches = [_match(s.mask, d) for s, d in zip(seen.values(), drawn, strict=True)]
@@ -242,7 +244,7 @@ def _middle(seen: dict[int, _Silhouette], poses: Array) -> tuple[Array, float]:
         b += across @ poses[i, :3, 3]
         extent_px = max(np.ptp(u), np.ptp(v)) + 1
         sizes.append((extent_px / silhouette.camera.fx, poses[i, :3, 3]))
-    centre = np.linalg.lstsq(A, b, rcond=None)[0]
+    centre = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
     reaches = [share * float(np.linalg.norm(position - centre)) for share, position in sizes]
     return centre, _ROOM * max(reaches) / 2.0
 

@@ -257,8 +257,8 @@ class _Carried:
         chosen = np.flatnonzero(still)
         found = fit_to_outlines(
             self.T_world_cam[chosen],
-            [self._cameras[i] for i in chosen],
-            [_mask(pictures[i]) for i in chosen],
+            [self._cameras[int(i)] for i in chosen],
+            [_mask(pictures[int(i)]) for i in chosen],
             self._sigma_m[chosen],
             self._sigma_rad[chosen],
             self.refined[chosen],

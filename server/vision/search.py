@@ -38,6 +38,9 @@ _OWN = 1.0
 _BEHIND = 0.5
 # Share of the expected outline that must be surprising.
 _LEAST_COVERED = 0.2
+# Below this confidence what was found on the floor is doubted, and from this one on what the colours
+# say is believed instead.
+_DOUBTFUL, _SURE_BY_COLOUR = 0.5, 0.55
 # Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
 _RIM, _LIMB = 5, 3
 
@@ -55,10 +58,24 @@ def search(work: Work, config: RegionConfig) -> Found | None:
         # An outline that is much too large, because the camera is farther away than believed, may
         # hold too little to be trusted.
     found = _search_on_floor(work, evidence, maybe, top, config)
-    if found is None and work.surely_there and work.prior.ground is None:
+    if not work.surely_there or (found is not None and found.confidence >= _DOUBTFUL):
+        return found
+    if work.prior.ground is None and found is None:
         # A camera that sees no floor.
         return _search_in_colours(work, config)
+    if expected is None:
+        return _doubted(found, work, config)
     return found
+
+
+def _doubted(found: Found | None, work: Work, config: RegionConfig) -> Found | None:
+    """Return what differs in colour instead, where that is likelier the object than ``found``.
+
+    Of an object with the wall's colours the floor shows the feet alone.
+    """
+    other = _search_in_colours(work, config)
+    sure = other is not None and other.confidence >= _SURE_BY_COLOUR
+    return other if sure else found
 
 
 def _search_on_floor(
@@ -263,6 +280,8 @@ def _refined(mask: Mask, maybe: Mask, evidence: Array32, work: Work, config: Reg
     window = work.known_window()
     if window is not None:
         mask = mask & (window.radius(work.shape) < 1.0)
+        if not mask.any():
+            return mask
     ys, xs = np.nonzero(mask)
     size = float(np.hypot(np.ptp(xs), np.ptp(ys)))
     allowed = _grown(mask, 0.06 * size + 2)

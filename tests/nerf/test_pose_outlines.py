@@ -111,7 +111,7 @@ def _disagreement_px(T_world_cam: NDArray[np.float64], T_true: NDArray[np.float6
     for k in range(len(points)):
         u, v = pixels[:, k].T
         A = np.concatenate([M[:, 2] * u[:, None] - M[:, 0], M[:, 2] * v[:, None] - M[:, 1]])
-        weights = np.ones(len(A))
+        weights, met = np.ones(len(A)), np.zeros(3)
         for _ in range(4):
             met = np.linalg.lstsq(A[:, :3] * weights[:, None], -A[:, 3] * weights, rcond=None)[0]
             weights = np.tile(1.0 / (M[:, 2, :3] @ met + M[:, 2, 3]), 2)
