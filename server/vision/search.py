@@ -38,7 +38,7 @@ _OWN = 1.0
 _BEHIND = 0.5
 # Share of the expected outline that must be surprising.
 _LEAST_COVERED = 0.2
-# Below this confidence what was found on the floor is doubted, and from this one on what the colours
+# Below this confidence what was found on the floor is doubted; from this one on what the colours
 # say is believed instead.
 _DOUBTFUL, _SURE_BY_COLOUR = 0.5, 0.55
 # Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
