@@ -40,7 +40,7 @@ _BEHIND = 0.5
 _LEAST_COVERED = 0.2
 # Below this confidence what was found on the floor is doubted; from this one on what the colours
 # say is believed instead.
-_DOUBTFUL, _SURE_BY_COLOUR = 0.5, 0.55
+_DOUBTFUL, _SURE_BY_COLOUR = 0.5, 0.65
 # Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
 _RIM, _LIMB = 5, 3
 
@@ -74,8 +74,9 @@ def _doubted(found: Found | None, work: Work, config: RegionConfig) -> Found | N
     Of an object with the wall's colours the floor shows the feet alone.
     """
     other = _search_in_colours(work, config)
-    sure = other is not None and other.confidence >= _SURE_BY_COLOUR
-    return other if sure else found
+    if other is None or other.confidence < _SURE_BY_COLOUR or _crosses(other.mask):
+        return found
+    return other
 
 
 def _search_on_floor(
@@ -218,8 +219,13 @@ def _score(mask: Mask, evidence: Array32, work: Work, config: RegionConfig) -> f
     off = (float(np.nonzero(mask)[1].mean()) - work.centre[0]) / reach
     score = float(mask.sum()) ** config.size_exponent * float(evidence[mask].mean())
     score *= foot_factor(mask, work.ground, work.scale) * float(np.exp(-0.5 * off * off))
-    across_the_picture = columns[0] <= 1 and columns[-1] >= work.shape[1] - 2
-    return 0.2 * score if across_the_picture else score
+    return 0.2 * score if _crosses(mask) else score
+
+
+def _crosses(mask: Mask) -> bool:
+    """Return whether ``mask`` reaches from one side of the picture to the other, as walls do."""
+    columns = np.nonzero(mask.any(axis=0))[0]
+    return bool(columns[0] <= 1 and columns[-1] >= mask.shape[1] - 2)
 
 
 def _with_what_rises(
