@@ -38,9 +38,6 @@ _OWN = 1.0
 _BEHIND = 0.5
 # Share of the expected outline that must be surprising.
 _LEAST_COVERED = 0.2
-# Below this confidence what was found on the floor is doubted; from this one on what the colours
-# say is believed instead.
-_DOUBTFUL, _SURE_BY_COLOUR = 0.5, 0.65
 # Working pixels: twice the rim of an expected outline that may be wrong, and the thinnest limb.
 _RIM, _LIMB = 5, 3
 
@@ -58,25 +55,10 @@ def search(work: Work, config: RegionConfig) -> Found | None:
         # An outline that is much too large, because the camera is farther away than believed, may
         # hold too little to be trusted.
     found = _search_on_floor(work, evidence, maybe, top, config)
-    if not work.surely_there or (found is not None and found.confidence >= _DOUBTFUL):
-        return found
-    if work.prior.ground is None and found is None:
+    if found is None and work.surely_there and work.prior.ground is None:
         # A camera that sees no floor.
         return _search_in_colours(work, config)
-    if expected is None:
-        return _doubted(found, work, config)
     return found
-
-
-def _doubted(found: Found | None, work: Work, config: RegionConfig) -> Found | None:
-    """Return what differs in colour instead, where that is likelier the object than ``found``.
-
-    Of an object with the wall's colours the floor shows the feet alone.
-    """
-    other = _search_in_colours(work, config)
-    if other is None or other.confidence < _SURE_BY_COLOUR or _crosses(other.mask):
-        return found
-    return other
 
 
 def _search_on_floor(
@@ -219,13 +201,8 @@ def _score(mask: Mask, evidence: Array32, work: Work, config: RegionConfig) -> f
     off = (float(np.nonzero(mask)[1].mean()) - work.centre[0]) / reach
     score = float(mask.sum()) ** config.size_exponent * float(evidence[mask].mean())
     score *= foot_factor(mask, work.ground, work.scale) * float(np.exp(-0.5 * off * off))
-    return 0.2 * score if _crosses(mask) else score
-
-
-def _crosses(mask: Mask) -> bool:
-    """Return whether ``mask`` reaches from one side of the picture to the other, as walls do."""
-    columns = np.nonzero(mask.any(axis=0))[0]
-    return bool(columns[0] <= 1 and columns[-1] >= mask.shape[1] - 2)
+    across_the_picture = columns[0] <= 1 and columns[-1] >= work.shape[1] - 2
+    return 0.2 * score if across_the_picture else score
 
 
 def _with_what_rises(
