@@ -123,11 +123,7 @@ class Builder:
                     ignore=lambda folder, names: [
                         name
                         for name in names
-                        if any(
-                            fnmatch(str((Path(folder) / name).relative_to(origin)), pattern)
-                            or fnmatch(name, pattern.removeprefix("**/"))
-                            for pattern in ignored
-                        )
+                        if is_ignored(str((Path(folder) / name).relative_to(origin)), ignored)
                     ],
                 )
             else:
@@ -141,17 +137,21 @@ class Builder:
         if done.returncode:
             sys.exit(f"exit code {done.returncode}: {shlex.join(command)[:200]}")
 
-    def command(self, command: list[str], *, read_only: bool = False) -> list[str]:
-        """Return what runs ``command`` in the root, mounts being its own."""
+    def command(self, command: list[str], *, served: bool = False) -> list[str]:
+        """Return what runs ``command`` in the root, mounts being its own.
+
+        What is ``served`` finds all but volumes and /tmp read-only, and a network of its own.
+        """
         stage = self.stage
         assert stage is not None
         root = shlex.quote(str(stage.root))
-        script = [f"mount --bind {root} {root}", f"mount -t proc proc {root}/proc"]
+        script = ["ip link set lo up"] if served else []
+        script += [f"mount --bind {root} {root}", f"mount -t proc proc {root}/proc"]
         script += [f"mount --rbind /dev {root}/dev", f"cp /etc/resolv.conf {root}/etc/resolv.conf"]
         for path in self.binds:
             inside = f"{root}{shlex.quote(path)}"
             script += [f"mkdir -p {inside}", f"mount --bind -o ro {shlex.quote(path)} {inside}"]
-        if read_only:
+        if served:
             script += [f"mount -t tmpfs tmpfs {root}/tmp"]
             for volume in stage.volumes:
                 inside = f"{root}{shlex.quote(volume)}"
@@ -165,7 +165,8 @@ class Builder:
             shlex.join(["exec", "chroot", user, str(stage.root), "env", "-i", *variables, *SHELL])
             + f" {shlex.quote(inner)}"
         ]
-        return ["unshare", "--mount", "--propagation=private", "sh", "-ec", "\n".join(script)]
+        own = ["--mount", "--propagation=private", *(["--net"] if served else [])]
+        return ["unshare", *own, "sh", "-ec", "\n".join(script)]
 
     def serve(self) -> None:
         """Run the image's command until it is healthy, then stop it; raises SystemExit."""
@@ -174,10 +175,11 @@ class Builder:
         said = stage.settings
         program = json.loads(said["ENTRYPOINT"]) + json.loads(said["CMD"])
         check = json.loads(said["HEALTHCHECK"].partition("CMD ")[2])
-        process = subprocess.Popen(self.command(program, read_only=True), start_new_session=True)
+        process = subprocess.Popen(self.command(program, served=True), start_new_session=True)
+        beside = ["nsenter", f"--net=/proc/{process.pid}/ns/net", *self.command(check)]
         try:
             deadline_s = time.monotonic() + 120.0
-            while subprocess.run(self.command(check), stderr=subprocess.DEVNULL).returncode:
+            while subprocess.run(beside, stderr=subprocess.DEVNULL).returncode:
                 if process.poll() is not None:
                     sys.exit(f"the console ended with exit code {process.returncode}")
                 if time.monotonic() > deadline_s:
@@ -197,6 +199,14 @@ def ignored_names() -> list[str]:
     """Return the patterns of .dockerignore."""
     lines = (CONTEXT / ".dockerignore").read_text().splitlines()
     return [line.strip().rstrip("/") for line in lines if line.strip() and line[0] != "#"]
+
+
+def is_ignored(path: str, patterns: list[str]) -> bool:
+    """Return whether a pattern names ``path``: from the context's root, or ``**/`` anywhere."""
+    return any(
+        fnmatch(Path(path).name, pattern[3:]) if pattern.startswith("**/") else path == pattern
+        for pattern in patterns
+    )
 
 
 def instructions() -> list[tuple[str, str]]:

@@ -2,7 +2,8 @@
 
 A coded picture means nothing without the one before it, so none may be left out but up to the next
 key picture. What waits is therefore a chain: it begins at a key picture or goes on from what was
-sent last, has no gaps, and is given up as a whole when it grows too long.
+sent last, has no gaps and nothing that was damaged on the air, and is given up as a whole when it
+grows too long or the client could not decode it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class CodedQueue:
         """Take a picture; returns whether the client will be able to decode it."""
         coded = event.coded
         follows = coded is not None and self._last is not None and coded.number == self._last + 1
-        if coded is None or not (coded.key or follows):
+        if coded is None or event.damaged or not (coded.key or follows):
             self._last = None
             return False
         if coded.key:
@@ -50,8 +51,12 @@ class CodedQueue:
         self._under_way.append(event.sequence)
         return event
 
-    def shown(self, sequence: int) -> None:
-        """Note that the client has shown a picture, or passed over it."""
-        if sequence in self._under_way:
-            while self._under_way.popleft() != sequence:
-                pass
+    def shown(self, sequence: int, *, decoded: bool = True) -> None:
+        """Note that the client has shown a picture, or could not decode it."""
+        if sequence not in self._under_way:
+            return
+        while self._under_way.popleft() != sequence:
+            pass
+        if not decoded and not (self._waiting and self._waiting[0].coded.key):
+            self._waiting.clear()
+            self._last = None

@@ -312,12 +312,14 @@ class ShowTiles(_Message):
 class TileShown(_Message):
     """Acknowledges one picture, and the coded ones before it.
 
-    A drone's next JPEG is sent only then; of coded pictures a few may be under way.
+    A drone's next JPEG is sent only then; of coded pictures a few may be under way. ``decoded`` is
+    false when a coded one could not be: JPEGs then come until the next key picture.
     """
 
     type: Literal["tile_shown"] = "tile_shown"
     drone_id: str
     sequence: int
+    decoded: bool = True
 
 
 # A browser's id, of its own making. Programs that share the command with nobody name none.

@@ -120,12 +120,12 @@ class Outbox:
                 del self._in_flight[drone_id]
         self._wanted = wanted
 
-    def shown(self, drone_id: str, sequence: int) -> None:
-        """Note that the client has shown a picture; any but the one in flight is ignored."""
+    def shown(self, drone_id: str, sequence: int, *, decoded: bool = True) -> None:
+        """Note that the client has shown a picture; any but those in flight is ignored."""
         if self._in_flight.get(drone_id) == sequence:
             del self._in_flight[drone_id]
         if self._coded is not None and drone_id in self._coded:
-            self._coded[drone_id].shown(sequence)
+            self._coded[drone_id].shown(sequence, decoded=decoded)
 
     def take(self, now_s: float) -> BaseModel | bytes | None:
         """Return what to send next, None when nothing can be sent now.

@@ -191,8 +191,8 @@ class _Conversation:
             match message:
                 case ShowTiles(drone_ids=drone_ids, coding=coding):
                     self._outbox.show(drone_ids, coded=coding == "h264")
-                case TileShown(drone_id=drone_id, sequence=sequence):
-                    self._outbox.shown(drone_id, sequence)
+                case TileShown(drone_id=drone_id, sequence=sequence, decoded=decoded):
+                    self._outbox.shown(drone_id, sequence, decoded=decoded)
                 case _ if self._desk is not None:
                     self._desk.take_message(message)
                 case _:

@@ -81,14 +81,15 @@ class Planning:
 
     @property
     def outdated(self) -> bool:
-        """True when what is left is to be planned anew.
-
-        The operator's parts or no-go volumes are others than those of the plan, or every round has
-        a plan of its own.
-        """
+        """True when the operator's parts or no-go volumes are others than those of the plan."""
         changed = self._priorities.unplanned or self._planned_around != self._no_go.volumes
-        changed = changed or self._config.mission.replan_every_round
         return self._request.mode == "optimized" and changed
+
+    @property
+    def each_round(self) -> bool:
+        """True when every round has a plan of its own."""
+        replans = self._config.mission.replan_every_round
+        return self._request.mode == "optimized" and replans
 
     async def rounds_anew(
         self,

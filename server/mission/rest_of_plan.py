@@ -51,10 +51,14 @@ class RestOfPlan:
         return self._no_go.within(self._config.planner).space
 
     async def plan_anew(self, next_round: int) -> None:
-        """Plan what is left anew when the operator wants other parts or more pictures meanwhile."""
+        """Plan what is left anew when the operator wants other parts or more pictures meanwhile.
+
+        Or after every round but the last of the plan, where the settings say so.
+        """
         state, planning = self._state, self._planning
         more = state.more_wanted
-        if not (planning.outdated or more) or not state.crew or state.seed is None:
+        each = planning.each_round and next_round < len(state.assignment.rounds)
+        if not (planning.outdated or more or each) or not state.crew or state.seed is None:
             self._leave_out_barred(next_round)
             return
         state.more_wanted = False

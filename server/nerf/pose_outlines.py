@@ -47,6 +47,8 @@ _ROOM = 1.6
 # Neighbouring points of an outline are wrong alike: an outline counts as so many that are not.
 _INDEPENDENT = 12
 _LEAST_RIM = 24
+# Nearer cameras see a shape with holes.
+_WIDEST_CELL_PX = 15
 # A mask that has less in common with the shape's silhouette is of something else.
 _LEAST_MATCH = 0.4
 
@@ -255,10 +257,12 @@ def _drawn(shape: _Shape, T_world_cam: Array, camera: Intrinsics) -> tuple[Mask,
     u, v = whole_pixels(pixels).T
     shown = (depths > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     places = np.full((camera.height, camera.width), -1, np.int64)
+    if not shown.any():
+        return np.zeros(places.shape, bool), places
     places[v[shown], u[shown]] = np.flatnonzero(shown)
     # Cells wider than a pixel leave gaps between their centres.
-    cell_px = camera.fx * shape.cell_m / max(float(np.median(depths)), 1e-6)
-    side = 2 * int(np.ceil(cell_px)) + 1
+    cell_px = camera.fx * shape.cell_m / float(np.median(depths[shown]))
+    side = 2 * min(int(np.ceil(cell_px)), _WIDEST_CELL_PX) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     closed = cv2.morphologyEx((places >= 0).astype(np.uint8), cv2.MORPH_CLOSE, disc)
     return closed > 0, places

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -179,6 +180,7 @@ class _Carried:
         self._on_floor = False
         self._rms_px = float("nan")
         self._outlined = 0
+        self._placed = np.zeros(len(cameras), bool)
 
     def complete(self, still: NDArray[np.bool_]) -> bool:
         """Return whether all stills are refined."""
@@ -218,6 +220,7 @@ class _Carried:
             if not placed.any():
                 self._take_largest(adjusted, similarity, beliefs.drone, config)
             placed[taken] = True
+        self._placed = placed
         self.T_world_cam = carry_corrections(
             beliefs.T_world_cam, self.T_world_cam, placed, beliefs.drone, task.at_s
         )
@@ -253,8 +256,12 @@ class _Carried:
         config: PoseConfig,
         on_progress: Callable[[float], None],
     ) -> None:
-        """Bring the stills that texture left unknown to agree with all on the object's shape."""
-        chosen = np.flatnonzero(still)
+        """Bring the stills that texture left unknown to agree with all on the object's shape.
+
+        Those of smaller reconstructions fit one another better than outlines could tell; where all
+        of them stand is not known well enough to hold the shape.
+        """
+        chosen = np.flatnonzero(still & (self.refined | ~self._placed))
         found = fit_to_outlines(
             self.T_world_cam[chosen],
             [self._cameras[int(i)] for i in chosen],
@@ -370,10 +377,9 @@ def refine_poses(
                 raise PosesStoppedError
             on_progress("outlines", share)
 
-        try:
+        # Stopped here, what texture told stays.
+        with suppress(PosesStoppedError):
             best.agree_on_outlines(pictures, task.still, config, on_round)
-        except PosesStoppedError:
-            best.stopped = True
     return best.result(task)
 
 

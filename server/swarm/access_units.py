@@ -41,7 +41,8 @@ class AccessUnit:
         key: True when it can be decoded without any other picture.
         has_sets: True when both parameter sets came along.
         damaged: True when data is known or suspected to be lost since the last key picture.
-        number: Counts the pictures of this drone: whoever passes them on sees what is missing.
+        number: Counts the pictures of this drone as they are assembled here: whoever passes them on
+            sees what was left out since. What was lost on the air shows in ``damaged``.
     """
 
     data: bytes

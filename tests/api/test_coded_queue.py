@@ -67,32 +67,75 @@ def test_few_are_under_way_and_an_answer_counts_for_those_before_it() -> None:
     assert [event.sequence for event in rest if event is not None] == [6, 7, 8, 9]
 
 
-@given(
-    st.lists(
-        st.tuples(st.sampled_from(["next", "gap", "key", "plain"]), st.booleans(), st.booleans()),
-        max_size=120,
-    )
+STEP = st.one_of(
+    st.sampled_from(["next", "gap", "key", "plain", "damaged", "damaged key", "take"]),
+    # Answers come late, out of turn, twice, for what was never sent, or never.
+    st.tuples(st.integers(0, 60), st.booleans()),
 )
+
+
+@given(st.lists(STEP, max_size=150))
 def test_whatever_comes_every_picture_sent_can_be_decoded(
-    steps: list[tuple[str, bool, bool]],
+    steps: list[str | tuple[int, bool]],
 ) -> None:
     queue, number = CodedQueue(), 0
-    sent: list[int] = []
-    waiting = 0
-    for kind, take, shown in steps:
-        number += 2 if kind == "gap" else 1
-        event = frame("d", number) if kind == "plain" else coded(number, key=kind == "key")
-        accepted = queue.offer(event)
-        waiting = 0 if event.coded is not None and event.coded.key else waiting
-        waiting += accepted
-        assert waiting <= 40
-        if take and (out := queue.take()) is not None:
-            assert out.coded is not None
-            assert out.coded.key or out.coded.number == sent[-1] + 1
-            sent.append(out.coded.number)
-            waiting -= 1
-            if shown:
-                queue.shown(out.sequence)
+    sent: list[FrameAnnotated] = []
+    under_way: list[int] = []
+
+    def take() -> bool:
+        if (out := queue.take()) is None:
+            return False
+        assert out.coded is not None
+        assert not out.damaged
+        follows = bool(sent) and sent[-1].coded is not None
+        assert out.coded.key or (follows and out.coded.number == sent[-1].sequence + 1)
+        sent.append(out)
+        under_way.append(out.sequence)
+        return True
+
+    for step in steps:
+        if isinstance(step, tuple):
+            sequence, decoded = step
+            queue.shown(sequence, decoded=decoded)
+            if sequence in under_way:
+                del under_way[: under_way.index(sequence) + 1]
+        elif step == "take":
+            assert not take() or len(under_way) <= 6
+        else:
+            number += 2 if step == "gap" else 1
+            event = coded(number, key="key" in step)
+            if step == "plain":
+                event = replace(event, coded=None)
+            queue.offer(replace(event, damaged="damaged" in step))
+    # Whatever was, after answers and a key picture it goes on.
+    for sequence in under_way:
+        queue.shown(sequence)
+    under_way.clear()
+    assert queue.offer(coded(number + 1, key=True))
+    assert take()
+    assert sent[-1].sequence == number + 1
+
+
+def test_no_more_than_half_a_second_waits() -> None:
+    queue = CodedQueue()
+    accepted = [queue.offer(coded(number, key=number == 0)) for number in range(30)]
+    assert accepted == [True] * 15 + [False] * 15
+    assert queue.take() is None
+    assert queue.offer(coded(40, key=True))
+
+
+def test_a_client_that_could_not_decode_gets_no_more_until_the_next_key_picture() -> None:
+    queue = CodedQueue()
+    for number in range(3):
+        assert queue.offer(coded(number, key=number == 0))
+    assert queue.take() is not None
+    queue.shown(0, decoded=False)
+    assert queue.take() is None
+    assert not queue.offer(coded(3))
+    assert queue.offer(coded(4, key=True))
+    # It has heard of a key picture that waits already: that one is not thrown away.
+    queue.shown(0, decoded=False)
+    assert queue.take() is not None
 
 
 def test_a_client_that_decodes_gets_jpeg_only_where_there_is_no_chain() -> None:

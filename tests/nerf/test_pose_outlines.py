@@ -166,6 +166,19 @@ def test_a_mask_of_something_else_moves_nothing(flight: Flight) -> None:
     assert _disagreement_px(found.T_world_cam[rest], flight.T_true[rest]) < before / 4.0
 
 
+def test_a_camera_that_faces_away_moves_nothing(flight: Flight) -> None:
+    turned = flight.T_believed.copy()
+    about = np.diag([-1.0, 1.0, -1.0])
+    turned[6, :3, :3] = turned[6, :3, :3] @ about
+    turned[7, :3, 3] = np.array([0.05, 0.02, 0.3])  # Amid the object.
+    found = _fit(replace(flight, T_believed=turned), flight.masks)
+    assert not found.fitted[6]
+    assert found.fitted.sum() >= 15
+    rest = np.flatnonzero(found.fitted)
+    before = _disagreement_px(flight.T_believed[rest], flight.T_true[rest])
+    assert _disagreement_px(found.T_world_cam[rest], flight.T_true[rest]) < before / 2.0
+
+
 def test_three_outlines_or_none_in_common_change_nothing(flight: Flight) -> None:
     few: Masks = [mask if i < 3 else None for i, mask in enumerate(flight.masks)]
     empty: Masks = [np.zeros((CAMERA.height, CAMERA.width), bool)] * len(flight.masks)
@@ -227,5 +240,5 @@ def test_pictures_without_texture_are_refined_by_their_outlines(
     before = _disagreement_px(flight.T_believed, flight.T_true)
     assert _disagreement_px(T_found, flight.T_true) < before / 4.0
     T_kept, message = refined(stop=True)
-    assert message.startswith("Stopped")
+    assert "the flight's poses are kept" in message
     np.testing.assert_array_equal(T_kept, flight.T_believed)

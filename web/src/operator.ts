@@ -119,8 +119,8 @@ export class Operator {
 
   /** Have no more coded video sent: this browser cannot show it. */
   showPicturesOnly(): void {
-    this.#stream.codeTiles("jpeg");
-    this.log("warning", words.log.notDecoded);
+    // Every tile may say so.
+    if (this.#stream.codeTiles("jpeg")) this.log("warning", words.log.notDecoded);
   }
 
   dismissAlarm(id: number): void {

@@ -52,12 +52,16 @@ export function useTile(
       const picture = tile.kind === "jpeg" ? await createImageBitmap(tile.jpeg) : await video.decode(tile);
       // Two decoders are at work: what came first may be ready last. A drone that was away counts anew.
       const late = header.sequence < newest && newest - header.sequence < LATE_PICTURES;
-      if (canvas.current !== null && !late) {
-        draw(canvas.current, picture);
-        const drawing = canvas.current.getContext("2d");
-        if (tile.kind === "h264" && drawing !== null) drawMarks(drawing, tile.header, name, colour);
+      try {
+        if (canvas.current !== null && !late) {
+          draw(canvas.current, picture);
+          const drawing = canvas.current.getContext("2d");
+          if (tile.kind === "h264" && drawing !== null) drawMarks(drawing, tile.header, name, colour);
+        }
+      } finally {
+        // A decoder has few to give away.
+        picture.close();
       }
-      picture.close();
       if (late) return;
       newest = header.sequence;
       frame.current?.setAttribute("data-sequence", String(header.sequence));

@@ -244,11 +244,12 @@ export interface ShowTiles {
   readonly coding: "jpeg" | "h264";
 }
 
-/** Acknowledges one picture, and the coded ones before it. A drone's next JPEG is sent only then; of coded pictures a few may be under way. */
+/** Acknowledges one picture, and the coded ones before it. A drone's next JPEG is sent only then; of coded pictures a few may be under way. ``decoded`` is false when a coded one could not be: JPEGs then come until the next key picture. */
 export interface TileShown {
   readonly type: "tile_shown";
   readonly drone_id: string;
   readonly sequence: number;
+  readonly decoded: boolean;
 }
 
 /** The operator in command is there; sent every two seconds. Its absence is a failsafe. While another browser is in command it counts for nothing. */

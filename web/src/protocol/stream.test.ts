@@ -92,7 +92,7 @@ describe("ConsoleStream", () => {
     expect(socket(0).sent).toEqual([]);
     show();
     await vi.advanceTimersByTimeAsync(0);
-    expect(socket(0).sent).toEqual([{ type: "tile_shown", drone_id: "a", sequence: 7 }]);
+    expect(socket(0).sent).toEqual([{ type: "tile_shown", drone_id: "a", sequence: 7, decoded: true }]);
   });
 
   it("acknowledges a picture that cannot be shown: its drone's video goes on", async () => {
@@ -101,7 +101,7 @@ describe("ConsoleStream", () => {
     socket(0).open();
     socket(0).receive(tileBytes(8));
     await vi.advanceTimersByTimeAsync(0);
-    expect(socket(0).sent).toEqual([{ type: "tile_shown", drone_id: "a", sequence: 8 }]);
+    expect(socket(0).sent).toEqual([{ type: "tile_shown", drone_id: "a", sequence: 8, decoded: false }]);
   });
 
   it("does not acknowledge an old socket's picture on a new one", async () => {

@@ -72,11 +72,12 @@ export class ConsoleStream {
     this.#sendShown();
   }
 
-  /** Have pictures come in this form, now and after every reconnection. */
-  codeTiles(coding: "jpeg" | "h264"): void {
-    if (coding === this.#coding) return;
+  /** Have pictures come in this form, now and after every reconnection; false when they do. */
+  codeTiles(coding: "jpeg" | "h264"): boolean {
+    if (coding === this.#coding) return false;
     this.#coding = coding;
     this.#sendShown();
+    return true;
   }
 
   /** Tell the server that the operator in command is there; lost with the line, as it should be. */
@@ -168,12 +169,19 @@ export class ConsoleStream {
       return;
     }
     const { drone_id, sequence } = tile.header;
-    const acknowledge = () => {
+    const acknowledge = (decoded: boolean) => {
       // The picture belongs to the socket it came from; a newer socket knows nothing of it.
-      if (socket === this.#socket) this.#send({ type: "tile_shown", drone_id, sequence });
+      if (socket === this.#socket) this.#send({ type: "tile_shown", drone_id, sequence, decoded });
     };
     // A picture that cannot be shown is acknowledged too: otherwise its drone's video would stop.
-    this.#listener.onTile(tile).then(acknowledge, acknowledge);
+    this.#listener.onTile(tile).then(
+      () => {
+        acknowledge(true);
+      },
+      () => {
+        acknowledge(false);
+      },
+    );
   }
 
   #sendShown(): void {

@@ -86,7 +86,11 @@ describe("CodedVideo", () => {
     expect(decoders).toHaveLength(0);
     const key = video.decode(tile(2, true));
     const next = video.decode(tile(3));
-    expect(decoders[0]?.config).toEqual({ codec: "avc1.4D4028", optimizeForLatency: true });
+    expect(decoders[0]?.config).toEqual({
+      codec: "avc1.4D4028",
+      optimizeForLatency: true,
+      hardwareAcceleration: "prefer-software",
+    });
     expect(decoders[0]?.decoded.map(({ type, timestamp }) => [type, timestamp])).toEqual([
       ["key", 2],
       ["delta", 3],
@@ -135,6 +139,28 @@ describe("CodedVideo", () => {
     decoders[10]?.fail();
     await expect(lost).rejects.toThrow();
     expect(onGiveUp).toHaveBeenCalledOnce();
+  });
+
+  it("gives up on a decoder that keeps its pictures", async () => {
+    const { video, onGiveUp } = setup();
+    const kept = [video.decode(tile(1, true))];
+    for (let sequence = 2; sequence <= 5; sequence++) kept.push(video.decode(tile(sequence)));
+    expect(onGiveUp).not.toHaveBeenCalled();
+    kept.push(video.decode(tile(6)));
+    for (const each of kept) await expect(each).rejects.toThrow("keeps its pictures");
+    expect(onGiveUp).toHaveBeenCalledOnce();
+  });
+
+  it("begins anew at the key picture after a gap", async () => {
+    const { video, decoders } = setup();
+    const first = video.decode(tile(1, true));
+    decoders[0]?.put(1);
+    await first;
+    await expect(video.decode(tile(3))).rejects.toThrow("waits for a key picture");
+    const key = video.decode(tile(4, true));
+    expect(decoders).toHaveLength(2);
+    decoders[1]?.put(4);
+    expect((await key).timestamp).toBe(4);
   });
 
   it("keeps its decoder over key pictures, and makes another for another stream", async () => {

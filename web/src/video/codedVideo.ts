@@ -17,6 +17,14 @@ interface Waiting {
 
 /** After so many failures in a row the browser cannot decode this stream. */
 const MOST_FAILURES = 3;
+/** A decoder that keeps so many pictures and shows none reorders them; more do not come. */
+const MOST_KEPT = 5;
+
+/**
+ * Drones do not say that they never reorder pictures, and decoders in hardware then hold a dozen
+ * back, whatever the latency they are asked for.
+ */
+const WITHOUT_DELAY = { optimizeForLatency: true, hardwareAcceleration: "prefer-software" } as const;
 
 /** A picture that is not shown; the text says why. */
 export class PassedOver extends Error {
@@ -24,8 +32,8 @@ export class PassedOver extends Error {
 }
 
 /**
- * Decodes one drone's video. After a failure it begins anew at the next key picture; after three in
- * a row, none decoded between them, it calls `onGiveUp`.
+ * Decodes one drone's video. After a failure or a gap it begins anew at the next key picture; after
+ * three failures in a row, none decoded between them, it calls `onGiveUp`.
  */
 export class CodedVideo {
   readonly #onGiveUp: () => void;
@@ -34,6 +42,7 @@ export class CodedVideo {
   #decoder: Decoder | null = null;
   #codec: string | null = null;
   #failures = 0;
+  #last = -1;
 
   constructor(onGiveUp: () => void, make = (events: DecoderEvents): Decoder => new VideoDecoder(events)) {
     this.#onGiveUp = onGiveUp;
@@ -46,11 +55,19 @@ export class CodedVideo {
    * Rejects with PassedOver what cannot be decoded, or what the decoder has left out.
    */
   decode({ header, data }: CodedTile): Promise<VideoFrame> {
+    // What a decoder keeps of a broken picture may spoil even the next key picture.
+    if (header.sequence !== this.#last + 1) this.#end("a gap");
+    this.#last = header.sequence;
     if (header.key) this.#begin(codecOf(data));
     const decoder = this.#decoder;
     if (decoder === null) return Promise.reject(new PassedOver("waits for a key picture"));
     return new Promise((resolve, reject) => {
       this.#waiting.set(header.sequence, { resolve, reject });
+      if (this.#waiting.size > MOST_KEPT) {
+        this.#failures = MOST_FAILURES - 1;
+        this.#fail("the decoder keeps its pictures");
+        return;
+      }
       try {
         // Its timestamp brings the sequence back.
         decoder.decode(
@@ -82,7 +99,7 @@ export class CodedVideo {
       },
     });
     try {
-      decoder.configure({ codec, optimizeForLatency: true });
+      decoder.configure({ codec, ...WITHOUT_DELAY });
     } catch (error) {
       this.#fail(String(error));
       return;
@@ -132,7 +149,7 @@ export async function canDecode(page: Pick<Location, "search">): Promise<boolean
   if (!("VideoDecoder" in globalThis)) return false;
   const answers = await Promise.all(
     PROFILES.map((codec) =>
-      VideoDecoder.isConfigSupported({ codec, optimizeForLatency: true }).then(
+      VideoDecoder.isConfigSupported({ codec, ...WITHOUT_DELAY }).then(
         ({ supported }) => supported === true,
         () => false,
       ),
