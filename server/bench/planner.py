@@ -2,8 +2,9 @@
 
 Every plan is judged on the true mesh by ray casting. Candidates of the exact plans stand around the
 true box, with the standard ring's and the best ring's own poses among them; plans from boxes know
-the seed geometry alone that the mission's eyes make of four simulated pictures. Times are CPU
-seconds of one thread.
+the seed geometry alone that the mission's eyes make of four simulated pictures; ``wrong_seed`` is
+the mission's plan on a box a fifth too small or too large, and ``size_curve`` what larger tasks
+take. Times are CPU seconds of one thread.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.bench.options import Figures, Options, each_scene
+from server.bench.planner_curve import QUICK_SIZES, SIZES, size_curve, wrong_seeds
 from server.bench.planner_judge import Judge, Sights
 from server.bench.planner_picture import save_picture
 from server.bench.planner_plans import (
@@ -87,6 +89,10 @@ def run(options: Options) -> Figures:
     overall = {key: _mean([part[key] for part in scenes.values()]) for key in _keys()}
     for key, k in zip(_keys(), VIEW_COUNTS, strict=True):
         overall[key]["against_ring"] = _against_ring([part[key] for part in scenes.values()], k)
+    model = load_object(options.scenes[0])
+    box = Box3(model.vertices.min(axis=0), model.vertices.max(axis=0))
+    sizes = QUICK_SIZES if options.quick else SIZES
+    overall["size_curve"] = size_curve(box, options.seed, sizes)
     return Figures(scenes, overall)
 
 
@@ -118,6 +124,7 @@ def _measure(scene: str, options: Options) -> dict[str, Any]:
             )
         proof_s = _QUICK_PROOF_S if options.quick else _PROOF_S
         part |= _proof(with_rings, k, config, options.seed, proof_s)
+        part["wrong_seed"] = wrong_seeds(judge, box, k, config, options.seed)
         part["seeds"] = len(seeds)
         part["without_seed_geometry"] = sum(boxes is None for boxes in fitted.values())
         figures[f"k{k}"] = part
