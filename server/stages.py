@@ -107,7 +107,8 @@ class Frame:
         damaged: True when data was lost since the last key frame; such a picture may be shown but
             never enters a dataset.
         completed_s: Arrival of the picture's last datagram, None when that is unknown.
-        coded: What was decoded, None when it came otherwise.
+        coded: What was decoded, with those before it that nobody looked at, oldest first; empty
+            when it came otherwise.
     """
 
     drone_id: str
@@ -116,7 +117,7 @@ class Frame:
     picture: Picture | NDArray[np.uint8]
     damaged: bool
     completed_s: float | None = None
-    coded: CodedPicture | None = None
+    coded: tuple[CodedPicture, ...] = ()
 
     @property
     def image_bgr(self) -> NDArray[np.uint8]:

@@ -9,8 +9,10 @@ grows too long or the client could not decode it.
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 
 from server.mission.events import FrameAnnotated
+from server.stages import CodedPicture
 
 # Half a second at 30 pictures per second; a client further behind goes on at a key picture.
 _LONGEST = 15
@@ -29,19 +31,22 @@ class CodedQueue:
     def offer(self, event: FrameAnnotated) -> bool:
         """Take a picture; returns whether the client will be able to decode it."""
         coded = event.coded
-        follows = coded is not None and self._last is not None and coded.number == self._last + 1
-        if coded is None or event.damaged or not (coded.key or follows):
+        if event.damaged or not coded or not self._may_follow(coded):
             self._last = None
             return False
-        if coded.key:
+        if coded[0].key:
             self._waiting.clear()  # Newest wins, and this one needs none of them.
         elif len(self._waiting) >= _LONGEST:
             self._waiting.clear()
             self._last = None
             return False
         self._waiting.append(event)
-        self._last = coded.number
+        self._last = coded[-1].number
         return True
+
+    def _may_follow(self, coded: tuple[CodedPicture, ...]) -> bool:
+        unbroken = all(b.number == a.number + 1 for a, b in pairwise(coded))
+        return unbroken and (coded[0].key or coded[0].number - 1 == self._last)
 
     def take(self) -> FrameAnnotated | None:
         """Return the next picture to send, None while there is none or enough are under way."""
@@ -57,6 +62,6 @@ class CodedQueue:
             return
         while self._under_way.popleft() != sequence:
             pass
-        if not decoded and not (self._waiting and self._waiting[0].coded.key):
+        if not decoded and not (self._waiting and self._waiting[0].coded[0].key):
             self._waiting.clear()
             self._last = None

@@ -421,12 +421,15 @@ class TileMarks(_Message):
 
 
 class CodedTileHeader(TileHeader):
-    """The header of a picture as the drone sent it: H.264, one access unit, Annex B.
+    """The header of a picture as the drone sent it: H.264, access units in Annex B.
 
-    ``note`` is what else there is to say of the picture, mostly nothing.
+    Mostly one. Where the search left pictures out, those come before it: ``sizes`` are the bytes of
+    each, ``key`` is that of the first, all else is of the last. ``note`` is what else there is to
+    say of the picture, mostly nothing.
     """
 
     coding: Literal["h264"] = "h264"
     key: bool
+    sizes: list[int]
     marks: TileMarks | None
     note: str

@@ -274,18 +274,19 @@ def coded_tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
     Raises:
         ValueError: If it came otherwise.
     """
-    if event.coded is None:
+    if not event.coded:
         raise ValueError(f"picture {event.sequence} of {event.drone_id} has no coded form")
     header = messages.CodedTileHeader(
         drone_id=event.drone_id,
         sequence=event.sequence,
         age_s=round(max(0.0, now_s - event.captured_s), 4),
         damaged=event.damaged,
-        key=event.coded.key,
+        key=event.coded[0].key,
+        sizes=[len(picture.data) for picture in event.coded],
         marks=None if event.marks is None else _marks(event.marks),
         note=event.note,
     )
-    return _binary(header, event.coded.data)
+    return _binary(header, b"".join(picture.data for picture in event.coded))
 
 
 def _marks(marks: PictureMarks) -> messages.TileMarks:

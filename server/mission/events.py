@@ -105,7 +105,8 @@ class FrameAnnotated:
         damaged: As the frame says.
         latency_s: Seconds from the arrival of the frame's last datagram to this JPEG.
         skipped: Pictures of this drone that were decoded but not looked at, since the start.
-        coded: The picture as the drone sent it, for who draws ``marks`` on it, None without.
+        coded: The picture as the drone sent it, for who draws ``marks`` on it, with those before it
+            that nobody looked at; empty without.
         marks: What is drawn into the JPEG, None when nothing was seen.
         note: What else there is to say of the picture.
     """
@@ -118,7 +119,7 @@ class FrameAnnotated:
     at: datetime = field(default_factory=_now)
     latency_s: float = 0.0
     skipped: int = 0
-    coded: CodedPicture | None = None
+    coded: tuple[CodedPicture, ...] = ()
     marks: PictureMarks | None = None
     note: str = ""
 

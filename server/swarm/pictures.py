@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from typing import Protocol
 
 from server.stages import Frame
@@ -17,6 +18,8 @@ _FPS_WINDOW_S = 3.0
 _WAITING_S = 0.3
 # And so many, however close they come: a decoder may hand over what has piled up all at once.
 _WAITING = 12
+# So many coded pictures go along with one, two seconds' worth.
+_CODED_KEPT = 60
 
 
 class FrameDecoder(Protocol):
@@ -145,6 +148,7 @@ class Pictures:
         if self._in_order:
             if self._waiting and self._is_late(frame):
                 self.skipped += len(self._waiting)
+                frame = _with_those_before(frame, self._waiting)
                 self._waiting.clear()
             self._waiting.append(frame)
         now_s = self._clock()
@@ -156,3 +160,16 @@ class Pictures:
     def _is_late(self, newest: Frame) -> bool:
         waited_s = newest.captured_s - self._waiting[0].captured_s
         return waited_s > _WAITING_S or len(self._waiting) >= _WAITING
+
+
+def _with_those_before(frame: Frame, skipped: Iterable[Frame]) -> Frame:
+    """Return ``frame`` with the coded form of skipped pictures: it cannot be decoded without.
+
+    Back to the last key picture, before which nothing is needed; where that is too long ago, alone.
+    """
+    if not frame.coded:
+        return frame
+    coded = [*(picture for each in skipped for picture in each.coded), *frame.coded]
+    keys = [index for index, picture in enumerate(coded) if picture.key]
+    coded = coded[keys[-1] :] if keys else coded
+    return frame if len(coded) > _CODED_KEPT else replace(frame, coded=tuple(coded))

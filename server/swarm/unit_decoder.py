@@ -56,9 +56,9 @@ class UnitDecoder:
         if len(decoded) != 1 or any(frame.is_corrupt for frame in decoded):
             self.errors += 1
             self._damaged = True
-        coded = None
+        coded: tuple[CodedPicture, ...] = ()
         if len(pictures) == 1:
-            coded = CodedPicture(unit.data, unit.key and unit.has_sets, unit.number)
+            coded = (CodedPicture(unit.data, unit.key and unit.has_sets, unit.number),)
         frames: list[Frame] = []
         for picture in pictures:
             frames.append(

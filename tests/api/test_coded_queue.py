@@ -21,7 +21,7 @@ from server.stages import Box, CodedPicture
 
 def coded(number: int, *, key: bool = False, drone_id: str = "drone-1") -> FrameAnnotated:
     picture = CodedPicture(b"\0\0\1" + bytes([number % 256]), key, number)
-    return replace(frame(drone_id, number), coded=picture)
+    return replace(frame(drone_id, number), coded=(picture,))
 
 
 def opened(message: object) -> tuple[TileHeader, bytes]:
@@ -43,7 +43,8 @@ def test_a_chain_begins_at_a_key_picture_and_ends_at_a_gap() -> None:
     offered = [coded(1), coded(2, key=True), coded(3), coded(5), coded(6), coded(7, key=True)]
     assert [queue.offer(event) for event in offered] == [False, True, True, False, False, True]
     # The key picture needs none of those that wait.
-    assert [queue.take(), queue.take()] == [offered[-1], None]
+    assert queue.take() is offered[-1]
+    assert queue.take() is None
 
 
 def test_a_picture_that_did_not_come_coded_ends_the_chain() -> None:
@@ -51,6 +52,25 @@ def test_a_picture_that_did_not_come_coded_ends_the_chain() -> None:
     assert queue.offer(coded(1, key=True))
     assert not queue.offer(frame("drone-1", 2))
     assert not queue.offer(coded(2))
+
+
+def test_pictures_that_nobody_looked_at_come_along() -> None:
+    def looked_at(*numbers: int, key: int | None = None) -> FrameAnnotated:
+        pictures = tuple(CodedPicture(bytes([n]), n == key, n) for n in numbers)
+        return replace(frame("drone-1", numbers[-1]), coded=pictures)
+
+    queue = CodedQueue()
+    assert not queue.offer(looked_at(1, 2))
+    assert queue.offer(looked_at(4, 5, 6, key=4))
+    assert queue.offer(looked_at(7, 8))
+    assert not queue.offer(looked_at(9, 11))
+    first, second = queue.take(), queue.take()
+    assert first is not None
+    assert second is not None
+    assert [picture.number for picture in first.coded] == [4, 5, 6]
+    header, data = opened(coded_tile_from_frame(second, 0.0))
+    assert isinstance(header, CodedTileHeader)
+    assert (header.key, header.sizes, header.sequence, data) == (False, [1, 1], 8, b"\7\x08")
 
 
 def test_few_are_under_way_and_an_answer_counts_for_those_before_it() -> None:
@@ -85,10 +105,9 @@ def test_whatever_comes_every_picture_sent_can_be_decoded(
     def take() -> bool:
         if (out := queue.take()) is None:
             return False
-        assert out.coded is not None
+        assert out.coded
         assert not out.damaged
-        follows = bool(sent) and sent[-1].coded is not None
-        assert out.coded.key or (follows and out.coded.number == sent[-1].sequence + 1)
+        assert out.coded[0].key or out.coded[0].number == sent[-1].sequence + 1
         sent.append(out)
         under_way.append(out.sequence)
         return True
@@ -105,7 +124,7 @@ def test_whatever_comes_every_picture_sent_can_be_decoded(
             number += 2 if step == "gap" else 1
             event = coded(number, key="key" in step)
             if step == "plain":
-                event = replace(event, coded=None)
+                event = replace(event, coded=())
             queue.offer(replace(event, damaged="damaged" in step))
     # Whatever was, after answers and a key picture it goes on.
     for sequence in under_way:

@@ -132,6 +132,22 @@ async def test_until_a_key_picture_comes_and_after_a_gap_pictures_are_shown(
         await shown(console, page, drone, "jpeg", key=False)
 
 
+async def test_pictures_that_nobody_looked_at_are_decoded_all_the_same(
+    tmp_path: Path, page: Page
+) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        await opened(console, page)
+        drone, tile = Drone(), page.get_by_test_id(ONE)
+        await shown(console, page, drone, "h264", key=True)
+        for _ in range(10):
+            skipped, looked_at = drone.picture(), drone.picture()
+            both = (*skipped.coded, *looked_at.coded)
+            console.mission.events.publish(replace(looked_at, coded=both))
+            await page.wait_for_timeout(30)
+        await expect(tile).to_have_attribute("data-sequence", str(looked_at.sequence))
+        await expect(tile).to_have_attribute("data-coding", "h264")
+
+
 async def test_who_asks_for_pictures_gets_pictures(tmp_path: Path, page: Page) -> None:
     async with serve(tmp_path, dist=DIST) as console:
         await opened(console, page, "video=jpeg")
@@ -152,11 +168,11 @@ async def test_what_no_decoder_takes_ends_in_pictures_and_is_said(
         notice = page.get_by_text("could not decode the drones' video")
         for _ in range(200):
             event = drone.picture(key=True)
-            assert event.coded is not None
+            (picture,) = event.coded
             # Parameter sets of a kind that does not exist.
-            spoilt = event.coded.data.replace(b"\0\0\1\x67\x4d", b"\0\0\1\x67\xee")
-            assert spoilt != event.coded.data
-            console.mission.events.publish(replace(event, coded=replace(event.coded, data=spoilt)))
+            spoilt = picture.data.replace(b"\0\0\1\x67\x4d", b"\0\0\1\x67\xee")
+            assert spoilt != picture.data
+            console.mission.events.publish(replace(event, coded=(replace(picture, data=spoilt),)))
             await page.wait_for_timeout(50)
             if await notice.is_visible():
                 break

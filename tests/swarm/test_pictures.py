@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from server.stages import Frame
+from server.stages import CodedPicture, Frame
 from server.swarm.errors import DroneError
 from server.swarm.pictures import FrameDecoder, Pictures
 
@@ -78,6 +79,29 @@ async def test_who_is_too_slow_goes_on_with_the_newest_and_the_rest_is_counted()
     assert len(taken) + pictures.skipped == 100
 
 
+async def test_no_coded_picture_is_missing_from_what_a_slow_reader_gets() -> None:
+    pictures, give = opened()
+    await begin_reading(pictures, give)
+    for number in range(1, 101):
+        give(replace(frame(number), coded=(CodedPicture(b"", number % 30 == 1, number),)))
+    numbers = []
+    while pictures._waiting:
+        numbers += [coded.number for coded in (await pictures.next_in_order()).coded]
+    assert pictures.skipped > 0
+    # Nobody came for so long that what came before is given up; then none is missing.
+    assert numbers == list(range(numbers[0], 101))
+    assert len(numbers) <= 60 + 12
+    # What did not come coded cannot be decoded by anybody else, with or without those before it.
+    for number in range(101, 131):
+        give(
+            frame(number)
+            if number > 120
+            else replace(frame(number), coded=(CodedPicture(b"", False, number),))
+        )
+    *_, last = [await pictures.next_in_order() for _ in range(len(pictures._waiting))]
+    assert last.coded == ()
+
+
 async def test_nothing_is_kept_for_a_reader_that_does_not_exist() -> None:
     pictures, give = opened()
     for number in range(10):
@@ -94,3 +118,11 @@ async def test_the_end_of_a_drone_ends_the_wait() -> None:
     await pictures.close()
     with pytest.raises(DroneError, match="closed"):
         await reading
+
+
+async def test_coded_pictures_that_nobody_takes_do_not_pile_up() -> None:
+    pictures, give = opened()
+    await begin_reading(pictures, give)
+    for number in range(1, 1001):
+        give(replace(frame(number), coded=(CodedPicture(b"", False, number),)))
+        assert sum(len(each.coded) for each in pictures._waiting) <= 60 + 12

@@ -322,7 +322,7 @@ export interface TileMarks {
   readonly yaw_error_rad: number;
 }
 
-/** The header of a picture as the drone sent it: H.264, one access unit, Annex B. ``note`` is what else there is to say of the picture, mostly nothing. */
+/** The header of a picture as the drone sent it: H.264, access units in Annex B. Mostly one. Where the search left pictures out, those come before it: ``sizes`` are the bytes of each, ``key`` is that of the first, all else is of the last. ``note`` is what else there is to say of the picture, mostly nothing. */
 export interface CodedTileHeader {
   readonly drone_id: string;
   readonly sequence: number;
@@ -330,6 +330,7 @@ export interface CodedTileHeader {
   readonly damaged: boolean;
   readonly coding: "h264";
   readonly key: boolean;
+  readonly sizes: readonly number[];
   readonly marks: TileMarks | null;
   readonly note: string;
 }

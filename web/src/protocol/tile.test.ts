@@ -36,19 +36,23 @@ describe("parseTile", () => {
     outlines: [[1, 2, 3, 4, 5, 6]],
     yaw_error_rad: -0.1,
   };
-  const CODED = { ...HEADER, coding: "h264", key: true, marks: MARKS, note: "" };
+  const CODED = { ...HEADER, coding: "h264", key: true, sizes: [JPEG.length], marks: MARKS, note: "" };
 
   it("reads a picture as the drone sent it, and what to draw on it", () => {
     for (const header of [CODED, { ...CODED, key: false, marks: null, note: "odd" }]) {
       const tile = parseTile(message(JSON.stringify(header)));
-      expect(tile).toEqual({ kind: "h264", header, data: JPEG });
+      expect(tile).toEqual({ kind: "h264", header, units: [JPEG] });
     }
+    const two = parseTile(message(JSON.stringify({ ...CODED, sizes: [3, JPEG.length - 3] })));
+    expect(two).toMatchObject({ units: [JPEG.slice(0, 3), JPEG.slice(3)] });
   });
 
   it.each([
     ["another coding", { ...CODED, coding: "vp9" }],
     ["no key", { ...CODED, key: undefined }],
     ["no note", { ...CODED, note: null }],
+    ["sizes that do not fit", { ...CODED, sizes: [JPEG.length + 1] }],
+    ["no sizes", { ...CODED, sizes: [] }],
     ["half a box", { ...CODED, marks: { ...MARKS, box: [1, 2, 3] } }],
     ["outlines of words", { ...CODED, marks: { ...MARKS, outlines: [["a"]] } }],
     ["no marks", { ...CODED, marks: undefined }],

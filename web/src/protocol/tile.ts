@@ -7,11 +7,11 @@ export interface JpegTile {
   readonly jpeg: Blob;
 }
 
-/** One picture as the drone sent it, and what is to be drawn on it. */
+/** One picture as the drone sent it, after those that must be decoded before it, and what to draw on it. */
 export interface CodedTile {
   readonly kind: "h264";
   readonly header: CodedTileHeader;
-  readonly data: Uint8Array<ArrayBuffer>;
+  readonly units: readonly Uint8Array<ArrayBuffer>[];
 }
 
 export type Tile = JpegTile | CodedTile;
@@ -44,8 +44,19 @@ export function parseTile(bytes: ArrayBuffer): Tile {
   }
   const header = parseHeader(new Uint8Array(bytes, LENGTH_BYTES, headerBytes));
   const data = new Uint8Array(bytes, start);
-  if ("coding" in header) return { kind: "h264", header, data };
+  if ("coding" in header) return { kind: "h264", header, units: unitsOf(data, header.sizes) };
   return { kind: "jpeg", header, jpeg: new Blob([data], { type: "image/jpeg" }) };
+}
+
+function unitsOf(
+  data: Uint8Array<ArrayBuffer>,
+  sizes: readonly number[],
+): Uint8Array<ArrayBuffer>[] {
+  const ends = sizes.map((_, k) => sizes.slice(0, k + 1).reduce((sum, size) => sum + size, 0));
+  if (sizes.some((size) => size <= 0) || ends.at(-1) !== data.length) {
+    throw new TileError(`pictures of ${sizes.join(" + ")} bytes in ${data.length}`);
+  }
+  return ends.map((end, k) => data.subarray(end - (sizes[k] ?? 0), end));
 }
 
 function parseHeader(bytes: Uint8Array): TileHeader | CodedTileHeader {
@@ -58,7 +69,7 @@ function parseHeader(bytes: Uint8Array): TileHeader | CodedTileHeader {
   if (typeof value !== "object" || value === null) {
     throw new TileError("a tile header that is not an object");
   }
-  const { drone_id, sequence, age_s, damaged, coding, key, marks, note } = value as Record<
+  const { drone_id, sequence, age_s, damaged, coding, key, sizes, marks, note } = value as Record<
     keyof CodedTileHeader,
     unknown
   >;
@@ -75,12 +86,13 @@ function parseHeader(bytes: Uint8Array): TileHeader | CodedTileHeader {
   if (
     coding !== "h264" ||
     typeof key !== "boolean" ||
+    !areNumbers(sizes) ||
     !(marks === null || areMarks(marks)) ||
     typeof note !== "string"
   ) {
     throw new TileError("a coded tile's header with a missing or mistyped field");
   }
-  return { ...header, coding, key, marks, note };
+  return { ...header, coding, key, sizes, marks, note };
 }
 
 function areMarks(value: unknown): value is TileMarks {

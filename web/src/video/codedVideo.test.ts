@@ -6,11 +6,11 @@ import { CodedVideo, PassedOver, type Decoder, type DecoderEvents } from "./code
 const SETS = [0, 0, 0, 1, 0x67, 0x4d, 0x40, 0x28, 9, 0, 0, 1, 0x68, 1];
 
 function tile(sequence: number, key = false, sets: readonly number[] = SETS): CodedTile {
-  const data = Uint8Array.from([...(key ? sets : []), 0, 0, 1, key ? 0x65 : 0x41, 7]);
+  const unit = Uint8Array.from([...(key ? sets : []), 0, 0, 1, key ? 0x65 : 0x41, 7]);
   return {
     kind: "h264",
-    header: { drone_id: "a", sequence, age_s: 0, damaged: false, coding: "h264", key, marks: null, note: "" },
-    data,
+    header: { drone_id: "a", sequence, age_s: 0, damaged: false, coding: "h264", key, sizes: [unit.length], marks: null, note: "" },
+    units: [unit],
   };
 }
 
@@ -99,6 +99,28 @@ describe("CodedVideo", () => {
     decoders[0]?.put(3);
     expect((await key).timestamp).toBe(2);
     expect((await next).timestamp).toBe(3);
+  });
+
+  it("decodes those that nobody looked at as well, and shows the last", async () => {
+    const { video, decoders } = setup();
+    const key = tile(4, true);
+    const rest = [tile(5), tile(6)];
+    const shown = video.decode({
+      ...key,
+      header: { ...key.header, sequence: 6 },
+      units: [...key.units, ...rest.flatMap(({ units }) => units)],
+    });
+    expect(decoders[0]?.decoded.map(({ type, timestamp }) => [type, timestamp])).toEqual([
+      ["key", 4],
+      ["delta", 5],
+      ["delta", 6],
+    ]);
+    expect(decoders[0]?.put(4).close).toHaveBeenCalledOnce();
+    decoders[0]?.put(6);
+    expect((await shown).timestamp).toBe(6);
+    const next = video.decode(tile(7));
+    decoders[0]?.put(7);
+    expect((await next).timestamp).toBe(7);
   });
 
   it("passes over what the decoder leaves out, and closes what nobody waits for", async () => {

@@ -50,15 +50,16 @@ export class CodedVideo {
   }
 
   /**
-   * Decode a picture; who gets it closes it.
+   * Decode a picture, and before it those that came along; who gets it closes it.
    *
    * Rejects with PassedOver what cannot be decoded, or what the decoder has left out.
    */
-  decode({ header, data }: CodedTile): Promise<VideoFrame> {
+  decode({ header, units }: CodedTile): Promise<VideoFrame> {
+    const first = header.sequence - units.length + 1;
     // What a decoder keeps of a broken picture may spoil even the next key picture.
-    if (header.sequence !== this.#last + 1) this.#end("a gap");
+    if (first !== this.#last + 1) this.#end("a gap");
     this.#last = header.sequence;
-    if (header.key) this.#begin(codecOf(data));
+    if (header.key && units[0] !== undefined) this.#begin(codecOf(units[0]));
     const decoder = this.#decoder;
     if (decoder === null) return Promise.reject(new PassedOver("waits for a key picture"));
     return new Promise((resolve, reject) => {
@@ -69,14 +70,13 @@ export class CodedVideo {
         return;
       }
       try {
-        // Its timestamp brings the sequence back.
-        decoder.decode(
-          new EncodedVideoChunk({
-            type: header.key ? "key" : "delta",
-            timestamp: header.sequence,
-            data,
-          }),
-        );
+        for (const [k, data] of units.entries()) {
+          // Its timestamp brings the sequence back.
+          const timestamp = first + k;
+          decoder.decode(
+            new EncodedVideoChunk({ type: header.key && k === 0 ? "key" : "delta", timestamp, data }),
+          );
+        }
       } catch (error) {
         this.#fail(String(error));
       }
