@@ -86,7 +86,9 @@ class _Course:
 def run(options: Options) -> Figures:
     """Measure every scene."""
     scenes = each_scene("planner", options, lambda scene: _measure(scene, options))
-    overall = {key: _mean([part[key] for part in scenes.values()]) for key in _keys()}
+    overall: dict[str, Any] = {
+        key: _mean([part[key] for part in scenes.values()]) for key in _keys()
+    }
     for key, k in zip(_keys(), VIEW_COUNTS, strict=True):
         overall[key]["against_ring"] = _against_ring([part[key] for part in scenes.values()], k)
     model = load_object(options.scenes[0])
