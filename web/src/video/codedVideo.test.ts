@@ -164,13 +164,24 @@ describe("CodedVideo", () => {
   });
 
   it("gives up on a decoder that keeps its pictures", async () => {
-    const { video, onGiveUp } = setup();
-    const kept = [video.decode(tile(1, true))];
-    for (let sequence = 2; sequence <= 5; sequence++) kept.push(video.decode(tile(sequence)));
-    expect(onGiveUp).not.toHaveBeenCalled();
-    kept.push(video.decode(tile(6)));
-    for (const each of kept) await expect(each).rejects.toThrow("keeps its pictures");
-    expect(onGiveUp).toHaveBeenCalledOnce();
+    const { video, decoders, onGiveUp } = setup();
+    vi.useFakeTimers();
+    try {
+      const shown = video.decode(tile(1, true));
+      const kept = [2, 3, 4].map((sequence) => video.decode(tile(sequence)));
+      const ends = kept.map((each) => expect(each).rejects.toThrow("keeps its pictures"));
+      vi.advanceTimersByTime(2900);
+      // Slow is not kept.
+      decoders[0]?.put(1);
+      expect((await shown).timestamp).toBe(1);
+      vi.advanceTimersByTime(2900);
+      expect(onGiveUp).not.toHaveBeenCalled();
+      vi.advanceTimersByTime(200);
+      await Promise.all(ends);
+      expect(onGiveUp).toHaveBeenCalledOnce();
+    } finally {
+      vi.useRealTimers();
+    }
   });
 
   it("begins anew at the key picture after a gap", async () => {

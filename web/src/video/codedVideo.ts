@@ -17,8 +17,8 @@ interface Waiting {
 
 /** After so many failures in a row the browser cannot decode this stream. */
 const MOST_FAILURES = 3;
-/** A decoder that keeps so many pictures and shows none reorders them; more do not come. */
-const MOST_KEPT = 5;
+/** A decoder that shows none of its pictures for so long keeps them, to reorder them. */
+const LONGEST_KEPT_MS = 3000;
 
 /**
  * Drones do not say that they never reorder pictures, and decoders in hardware then hold a dozen
@@ -43,6 +43,7 @@ export class CodedVideo {
   #codec: string | null = null;
   #failures = 0;
   #last = -1;
+  #watching: ReturnType<typeof setTimeout> | undefined;
 
   constructor(onGiveUp: () => void, make = (events: DecoderEvents): Decoder => new VideoDecoder(events)) {
     this.#onGiveUp = onGiveUp;
@@ -64,11 +65,7 @@ export class CodedVideo {
     if (decoder === null) return Promise.reject(new PassedOver("waits for a key picture"));
     return new Promise((resolve, reject) => {
       this.#waiting.set(header.sequence, { resolve, reject });
-      if (this.#waiting.size > MOST_KEPT) {
-        this.#failures = MOST_FAILURES - 1;
-        this.#fail("the decoder keeps its pictures");
-        return;
-      }
+      this.#watch();
       try {
         for (const [k, data] of units.entries()) {
           // Its timestamp brings the sequence back.
@@ -85,6 +82,14 @@ export class CodedVideo {
 
   close(): void {
     this.#end("closed");
+  }
+
+  /** Give up on a decoder that keeps its pictures: no more may come before one was shown. */
+  #watch(): void {
+    this.#watching ??= setTimeout(() => {
+      this.#failures = MOST_FAILURES - 1;
+      this.#fail("the decoder keeps its pictures");
+    }, LONGEST_KEPT_MS);
   }
 
   #begin(codec: string | null): void {
@@ -115,6 +120,7 @@ export class CodedVideo {
       return;
     }
     this.#failures = 0;
+    this.#unwatch();
     // Pictures come out in order: those before it never will.
     for (const [sequence, before] of this.#waiting) {
       if (sequence > picture.timestamp) continue;
@@ -122,6 +128,12 @@ export class CodedVideo {
       if (before !== waiting) before.reject(new PassedOver("left out by the decoder"));
     }
     waiting.resolve(picture);
+    if (this.#waiting.size > 0) this.#watch();
+  }
+
+  #unwatch(): void {
+    clearTimeout(this.#watching);
+    this.#watching = undefined;
   }
 
   #fail(reason: string): void {
@@ -133,6 +145,7 @@ export class CodedVideo {
   #end(reason: string): void {
     const decoder = this.#decoder;
     this.#decoder = null;
+    this.#unwatch();
     if (decoder !== null && decoder.state !== "closed") decoder.close();
     for (const waiting of this.#waiting.values()) waiting.reject(new PassedOver(reason));
     this.#waiting.clear();
