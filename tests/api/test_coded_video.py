@@ -82,7 +82,7 @@ async def colour(page: Page, x: int, y: int) -> list[int]:
     return rgba[:3]
 
 
-async def opened(console: Console, page: Page, query: str = "") -> None:
+async def opened(console: Console, page: Page, query: str = "video=h264") -> None:
     await page.goto(f"{console.http}/?token={TOKEN}")
     await page.goto(f"{console.http}/?{query}#/fly")
     await page.reload()
@@ -157,6 +157,15 @@ async def test_who_asks_for_pictures_gets_pictures(tmp_path: Path, page: Page) -
             console.mission.events.publish(Drone().picture(key=n == 0))
             await page.wait_for_timeout(10)
         await expect(page.get_by_test_id(ONE)).to_have_attribute("data-coding", "jpeg")
+
+
+async def test_a_page_that_no_graphics_card_draws_asks_for_pictures(
+    tmp_path: Path, page: Page
+) -> None:
+    async with serve(tmp_path, dist=DIST) as console:
+        await opened(console, page, "")
+        await shown(console, page, Drone(), "jpeg", key=True)
+        await expect(page.get_by_text("could not decode the drones' video")).to_have_count(0)
 
 
 async def test_what_no_decoder_takes_ends_in_pictures_and_is_said(

@@ -30,7 +30,7 @@ import type { Note } from "./protocol/messages.gen";
 import { fliesByItself } from "./state/state";
 import { Store } from "./state/store";
 import { words } from "./text/words";
-import { canDecode } from "./video/codedVideo";
+import { shouldDecode } from "./video/codedVideo";
 
 /** The word on each stop's button. */
 export const STOP_WORD: Readonly<Record<Stop, string>> = {
@@ -78,8 +78,8 @@ export class Operator {
   start(): void {
     this.#stream.start();
     this.#command.restore();
-    void canDecode(this.#page).then((can) => {
-      if (can) this.#stream.codeTiles("h264");
+    void shouldDecode(this.#page).then((should) => {
+      if (should) this.#stream.codeTiles("h264");
     });
   }
 

@@ -155,11 +155,15 @@ export class CodedVideo {
 /** Profiles that a Tello and its simulator send: Baseline and Main. */
 const PROFILES = ["avc1.42E028", "avc1.4D4028"];
 
-/** Whether this page may decode the drones' video itself; `?video=jpeg` in its address says no. */
-export async function canDecode(page: Pick<Location, "search">): Promise<boolean> {
-  if (new URLSearchParams(page.search).get("video") === "jpeg") return false;
+/**
+ * Whether this page is to decode the drones' video itself: where it can and where a graphics card
+ * draws. `?video=jpeg` in its address says no, `?video=h264` wherever it can.
+ */
+export async function shouldDecode(page: Pick<Location, "search">): Promise<boolean> {
+  const wish = new URLSearchParams(page.search).get("video");
   // Only pages from localhost or over https have it.
-  if (!("VideoDecoder" in globalThis)) return false;
+  if (wish === "jpeg" || !("VideoDecoder" in globalThis)) return false;
+  if (wish !== "h264" && !drawsInHardware()) return false;
   const answers = await Promise.all(
     PROFILES.map((codec) =>
       VideoDecoder.isConfigSupported({ codec, ...WITHOUT_DELAY }).then(
@@ -169,4 +173,18 @@ export async function canDecode(page: Pick<Location, "search">): Promise<boolean
     ),
   );
   return answers.every(Boolean);
+}
+
+/**
+ * Whether a graphics card draws the page. Without one the page's own thread turns every picture of
+ * four videos into colours, which takes it longer than an animation frame lasts.
+ */
+function drawsInHardware(): boolean {
+  const context = document.createElement("canvas").getContext("webgl");
+  if (context === null) return false;
+  const about = context.getExtension("WEBGL_debug_renderer_info");
+  const name: unknown = context.getParameter(about?.UNMASKED_RENDERER_WEBGL ?? context.RENDERER);
+  context.getExtension("WEBGL_lose_context")?.loseContext();
+  // `failIfMajorPerformanceCaveat` would ask the same, but Chromium without a card grants it.
+  return !/swiftshader|llvmpipe|software|basic render/i.test(String(name));
 }
