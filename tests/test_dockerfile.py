@@ -7,19 +7,11 @@ import re
 import shlex
 import subprocess
 import sys
-from fnmatch import fnmatch
 from pathlib import Path
 
+from bare_root import ignored_names, instructions, is_ignored
+
 ROOT = Path(__file__).parent.parent
-
-
-def instructions() -> list[tuple[str, str]]:
-    """Return (instruction, arguments) pairs, continued lines joined, comments left out."""
-    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
-    lines = [line for line in text.splitlines() if not line.lstrip().startswith("#")]
-    joined = re.sub(r"\\\n\s*", " ", "\n".join(lines))
-    pairs = [line.split(maxsplit=1) for line in joined.splitlines() if line.strip()]
-    return [(word, rest.strip()) for word, rest in pairs]
 
 
 def all_of(word: str) -> list[str]:
@@ -106,7 +98,7 @@ def test_the_health_check_asks_the_open_path() -> None:
 
 
 def test_what_it_copies_exists_and_is_not_ignored() -> None:
-    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").split()
+    ignored = ignored_names()
     copied: list[str] = []
     for rest in all_of("COPY"):
         if not rest.startswith("--from="):
@@ -114,9 +106,17 @@ def test_what_it_copies_exists_and_is_not_ignored() -> None:
             copied += sources
     for source in copied:
         assert (ROOT / source).exists(), source
-        assert not any(fnmatch(source, pattern) for pattern in ignored), source
+        assert not is_ignored(source, ignored), source
     assert {"pyproject.toml", "constraints.txt", "README.md", "server", "web"} <= set(copied)
     assert {".git", ".venv", "runs", "web/node_modules", "web/dist"} <= set(ignored)
+
+
+def test_what_is_ignored_is_named_from_the_root_or_anywhere() -> None:
+    patterns = ["runs", "web/dist", "**/__pycache__"]
+    for path in ("runs", "web/dist", "__pycache__", "server/api/__pycache__"):
+        assert is_ignored(path, patterns), path
+    for path in ("server/runs", "dist", "web", "runs2"):
+        assert not is_ignored(path, patterns), path
 
 
 def test_packages_leave_no_lists_behind_and_hold_what_the_renderer_needs() -> None:

@@ -6,7 +6,7 @@ import base64
 import math
 from dataclasses import asdict
 from datetime import datetime
-from typing import Literal, assert_never, cast
+from typing import Any, Literal, assert_never, cast
 
 from pydantic import BaseModel
 
@@ -259,13 +259,7 @@ def _failsafe(event: FailsafeFired) -> messages.FailsafeReport:
 
 def tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
     """Return the binary message of a picture; ``now_s`` is the monotonic clock."""
-    header = messages.TileHeader(
-        drone_id=event.drone_id,
-        sequence=event.sequence,
-        age_s=round(max(0.0, now_s - event.captured_s), 4),
-        damaged=event.damaged,
-    )
-    return _binary(header, event.jpeg)
+    return _binary(messages.TileHeader(**_about(event, now_s)), event.jpeg)
 
 
 def coded_tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
@@ -277,16 +271,22 @@ def coded_tile_from_frame(event: FrameAnnotated, now_s: float) -> bytes:
     if not event.coded:
         raise ValueError(f"picture {event.sequence} of {event.drone_id} has no coded form")
     header = messages.CodedTileHeader(
-        drone_id=event.drone_id,
-        sequence=event.sequence,
-        age_s=round(max(0.0, now_s - event.captured_s), 4),
-        damaged=event.damaged,
+        **_about(event, now_s),
         key=event.coded[0].key,
         sizes=[len(picture.data) for picture in event.coded],
         marks=None if event.marks is None else _marks(event.marks),
         note=event.note,
     )
     return _binary(header, b"".join(picture.data for picture in event.coded))
+
+
+def _about(event: FrameAnnotated, now_s: float) -> dict[str, Any]:
+    return {
+        "drone_id": event.drone_id,
+        "sequence": event.sequence,
+        "age_s": round(max(0.0, now_s - event.captured_s), 4),
+        "damaged": event.damaged,
+    }
 
 
 def _marks(marks: PictureMarks) -> messages.TileMarks:

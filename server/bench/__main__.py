@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import signal
 import sys
 from pathlib import Path
 
@@ -106,6 +107,8 @@ def main() -> int:
         print(f"dronerf bench: {error}", file=sys.stderr)
         return 2
     # Asked before: the checkout may change, and the load afterwards is the bench's own.
+    # Asked to end, as by kill: what it has started ends with it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     found = conditions(
         options.seed, quick=options.quick, faults=options.faults, threads=options.threads
     )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browsers import chromium
 from fake_mission import (
     DRONES,
     capture_changed,
@@ -19,7 +19,7 @@ from fake_mission import (
     level_failed,
     link_failed,
 )
-from playwright.async_api import Dialog, Error, Page, async_playwright, expect
+from playwright.async_api import Dialog, Page, expect
 from served_console import TOKEN, Console, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
@@ -47,19 +47,8 @@ built = pytest.mark.skipif(not (DIST / "index.html").exists(), reason="the dashb
 
 @pytest.fixture
 async def page() -> AsyncIterator[Page]:
-    async with async_playwright() as playwright:
-        try:
-            browser = await playwright.chromium.launch(
-                executable_path=shutil.which("chromium"),
-                args=_ARGUMENTS,
-                chromium_sandbox=False,
-            )
-        except Error as error:
-            pytest.skip(f"no Chromium: {error.message.splitlines()[0]}")
-        try:
-            yield await browser.new_page()
-        finally:
-            await browser.close()
+    async with chromium(*_ARGUMENTS) as browser:
+        yield await browser.new_page()
 
 
 def publish_drone(events: EventStream) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import AsyncIterator
 from dataclasses import replace
@@ -10,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browsers import chromium
 from fake_mission import DRONES, frame, jpeg
-from playwright.async_api import Error, Page, async_playwright, expect
+from playwright.async_api import Page, expect
 from served_console import TOKEN, Console, serve
 
 from server.mission.events import FrameAnnotated, PictureMarks
@@ -36,17 +36,8 @@ ONE = f"tile-{DRONES[0]}"
 
 @pytest.fixture
 async def page() -> AsyncIterator[Page]:
-    async with async_playwright() as playwright:
-        try:
-            browser = await playwright.chromium.launch(
-                executable_path=shutil.which("chromium"), chromium_sandbox=False
-            )
-        except Error as error:
-            pytest.skip(f"no Chromium: {error.message.splitlines()[0]}")
-        try:
-            yield await browser.new_page()
-        finally:
-            await browser.close()
+    async with chromium() as browser:
+        yield await browser.new_page()
 
 
 class Drone:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from browsers import chromium
 from fake_mission import (
     DRONES,
     JPEG,
@@ -24,7 +24,7 @@ from fake_mission import (
     plan_found,
     seed_fitted,
 )
-from playwright.async_api import Browser, Error, Page, async_playwright, expect
+from playwright.async_api import Browser, Page, expect
 from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
@@ -73,17 +73,8 @@ SIZES = {"desk": (1440, 900), "phone": (390, 844)}
 
 @pytest.fixture
 async def browser() -> AsyncIterator[Browser]:
-    async with async_playwright() as playwright:
-        try:
-            browser = await playwright.chromium.launch(
-                executable_path=shutil.which("chromium"), chromium_sandbox=False
-            )
-        except Error as error:
-            pytest.skip(f"no Chromium: {error.message.splitlines()[0]}")
-        try:
-            yield browser
-        finally:
-            await browser.close()
+    async with chromium() as browser:
+        yield browser
 
 
 def furnish(console: Console) -> None:

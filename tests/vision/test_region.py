@@ -6,8 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
@@ -424,55 +422,16 @@ def test_scanned_objects_are_found_in_the_room(name):
     assert scores[:, 0].mean() >= 0.6
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    kind=st.sampled_from(["noise", "blocks", "flat", "slope"]),
-    seed=st.integers(0, 1000),
-    centre=st.tuples(st.floats(-200, 1160), st.floats(-200, 920)),
-    sigma=st.floats(5.0, 400.0),
-    size=st.none() | st.tuples(st.floats(5.0, 900.0), st.floats(5.0, 700.0)),
-    floor=st.booleans(),
-)
-def test_no_picture_and_no_expectation_end_the_search(
-    kind: str,
-    seed: int,
-    centre: tuple[float, float],
-    sigma: float,
-    size: tuple[float, float] | None,
-    floor: bool,
-) -> None:
-    rng = np.random.default_rng(seed)
-    image = np.full((720, 960, 3), 90, np.uint8)
-    if kind == "noise":
-        image = rng.integers(0, 256, image.shape, dtype=np.uint8)
-    elif kind == "blocks":
-        coarse = rng.integers(0, 256, (9, 12, 3), dtype=np.uint8)
-        image = cv2.resize(coarse, (960, 720), interpolation=cv2.INTER_NEAREST).astype(np.uint8)
-    elif kind == "slope":
-        image[:] = np.linspace(20, 220, 960).astype(np.uint8)[None, :, None]
-    prior = RegionPrior(
-        np.array(centre),
-        sigma,
-        None if size is None else np.array(size),
-        Ground(300.0, 380.0, 700.0) if floor else None,
-    )
-    tracker = RegionTracker(RegionConfig())
-    for k in range(3):
-        found = tracker.update(Frame("d", k, 2.0 * k, image, False), prior)
-        if found is not None:
-            assert found[0].mask.any()
-
-
-@pytest.mark.parametrize("seed", [92, 113, 147])
-def test_what_lies_outside_the_expected_window_ends_no_search(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    image = np.full((720, 960, 3), rng.integers(60, 180), np.uint8)
-    for _ in range(rng.integers(1, 4)):
-        x, y = (int(v) for v in rng.integers(0, [960, 720]))
-        radius = int(rng.integers(15, 140))
-        cv2.circle(image, (x, y), radius, [int(v) for v in rng.integers(0, 255, 3)], -1)
-    prior = RegionPrior(
-        rng.uniform([0, 0], [960, 720]), float(rng.uniform(10, 120)), rng.uniform(8, 300, 2)
-    )
-    found = RegionTracker(RegionConfig()).update(frame(image, 0.0), prior)
-    assert found is None or found[0].mask.any()
+def test_no_disc_and_no_expectation_end_the_search() -> None:
+    # Three of these once did, of what lies outside the window where the object is expected.
+    for seed in range(90, 150):
+        rng = np.random.default_rng(seed)
+        image = np.full((720, 960, 3), rng.integers(60, 180), np.uint8)
+        for _ in range(rng.integers(1, 4)):
+            x, y = (int(v) for v in rng.integers(0, [960, 720]))
+            radius = int(rng.integers(15, 140))
+            cv2.circle(image, (x, y), radius, [int(v) for v in rng.integers(0, 255, 3)], -1)
+        place, sigma = rng.uniform([0, 0], [960, 720]), float(rng.uniform(10, 120))
+        prior = RegionPrior(place, sigma, rng.uniform(8, 300, 2))
+        found = RegionTracker(RegionConfig()).update(frame(image, 0.0), prior)
+        assert found is None or found[0].mask.any()
