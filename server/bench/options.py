@@ -62,17 +62,24 @@ def each_scene(
     name: str, options: Options, measure: Callable[[str], dict[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """Return ``measure(scene)`` of every scene; parts kept in ``out`` are not measured again."""
-    parts: dict[str, dict[str, Any]] = {}
-    for scene in options.scenes:
-        kept = None
-        if options.out is not None:
-            options.out.mkdir(parents=True, exist_ok=True)
-            kept = options.out / f"{name}-{Path(scene).name}-{options.seed}.json"
-        if options.resume and kept is not None and kept.exists():
-            parts[scene] = json.loads(kept.read_text())
-            continue
-        print(f"{name}: {scene}", file=sys.stderr, flush=True)
-        parts[scene] = measure(scene)
-        if kept is not None:
-            kept.write_text(json.dumps(parts[scene], indent=1))
-    return parts
+    return {
+        scene: kept_part(
+            f"{name}-{Path(scene).name}-{options.seed}", options, lambda s=scene: measure(s)
+        )
+        for scene in options.scenes
+    }
+
+
+def kept_part(name: str, options: Options, measure: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Return ``measure()``, kept in ``out`` under this name, or what an earlier run has kept."""
+    file = None
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+        file = options.out / f"{name}.json"
+    if options.resume and file is not None and file.exists():
+        return json.loads(file.read_text())
+    print(name, file=sys.stderr, flush=True)
+    part = measure()
+    if file is not None:
+        file.write_text(json.dumps(part, indent=1))
+    return part

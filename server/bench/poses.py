@@ -1,13 +1,15 @@
 """``dronerf bench poses``: how well cameras are known in flight, and after it.
 
-Every seed is a whole capture in virtual time (``poses_flight``), flown by the mission that flies
-real drones; its kept pictures are then drawn at the true poses in the default room, taken by each
-drone's own imperfect camera, and sent through its video coding (``poses_pictures``). The keys with
+Every flight is a whole capture in virtual time, flown by the mission that flies real drones, whose
+eyes look at the default room drawn picture by picture (``drawn_video``); three of each scene of
+ours, one of each other mesh. Its kept pictures are then drawn again at twice the size at the true
+poses, taken by each drone's own imperfect camera, and sent through its video coding
+(``poses_pictures``). The keys with
 ``flight`` judge what the mission believed, those without what ``server.nerf.poses`` makes of the
 pictures. Errors are those of the stills after the similarity that fits best (BARF's protocol);
 ``scale_error`` is what the refined scale is wrong by. The three PSNR come from fields trained for
 the same number of steps on the same pictures (``poses_fields``); those with true poses also know
-the true lenses.
+the true lenses. They and ``from_noise`` are of each scene's first flight.
 
 ``from_noise_*`` is the refinement of the same pictures when every camera, each on its own, is
 believed 8 degrees and 15 cm wrong. ``peer_*`` is plain pycolmap on the stills alone.
@@ -17,6 +19,7 @@ honest.
 
 from __future__ import annotations
 
+import sys
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -28,10 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from server.bench.options import Figures, Options, each_scene
+from server.bench.drawn_video import fly_drawn_capture
+from server.bench.options import Figures, Options, each_scene, kept_part
 from server.bench.poses_fields import psnr_with
 from server.bench.poses_figures import percentiles, pose_errors
-from server.bench.poses_flight import FlownCapture, fly_capture
+from server.bench.poses_flight import FlownCapture
 from server.bench.poses_peer import plain_poses
 from server.bench.poses_photographs import photograph_figures
 from server.bench.poses_pictures import draw_pictures
@@ -39,12 +43,13 @@ from server.bench.scenes import named_and_shared_scenes
 from server.nerf.flight import read_pictures
 from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
+from server.sim.scenes.catalogue import SCENES as NAMED
 
 Array = NDArray[np.float64]
 
 SCENES = named_and_shared_scenes()
 QUICK_SCENES = ("robot_dog", "guitar")
-_SEEDS, _QUICK_SEEDS = 3, 1
+_FLIGHTS = 3
 _STEPS, _QUICK_STEPS = 1200, 400
 _PICTURES = 24
 _NOISE_RAD, _NOISE_M = np.deg2rad(8.0), 0.15
@@ -82,15 +87,27 @@ def run(options: Options) -> Figures:
 
 
 def _measure(scene: str, options: Options) -> dict[str, Any]:
-    seeds = _QUICK_SEEDS if options.quick else _SEEDS
-    samples = [_measure_flight(scene, options.seed + k, options) for k in range(seeds)]
+    flights = _FLIGHTS if scene in NAMED and not options.quick else 1
+    samples = [
+        kept_part(
+            f"poses-{Path(scene).name}-{options.seed}-flight-{k}",
+            options,
+            lambda k=k: _measure_flight(scene, k, options),
+        )
+        for k in range(flights)
+    ]
     return {**_summary(samples), "samples": samples}
 
 
-def _measure_flight(scene: str, seed: int, options: Options) -> dict[str, Any]:
-    """Return the figures and errors of one flight."""
+def _measure_flight(scene: str, number: int, options: Options) -> dict[str, Any]:
+    """Return the figures and errors of a scene's first flight, or of a further one."""
+    seed = options.seed + number
     with tempfile.TemporaryDirectory(prefix="dronerf-poses-") as name:
-        capture = fly_capture(scene, seed, _PICTURES, Path(name))
+        try:
+            capture = fly_drawn_capture(scene, seed, _PICTURES, Path(name))
+        except RuntimeError as error:
+            print(f"poses: {scene}: {error}", file=sys.stderr, flush=True)
+            return {"seed": seed, "failed": str(error)}
         draw_pictures(capture)
         judged = _judged(capture)
         begun_s, begun_cpu_s = time.monotonic(), time.process_time()
@@ -106,9 +123,10 @@ def _measure_flight(scene: str, seed: int, options: Options) -> dict[str, Any]:
             "cpu_seconds": round(cpu_seconds, 1),
         }
         sample |= _errors_of(judged, refined)
-        sample |= _from_noise(judged, options)
         sample |= _peer(judged, options)
-        sample |= _fields(judged, refined, options)
+        if number == 0:
+            sample |= _from_noise(judged, options)
+            sample |= _fields(judged, refined, options)
     return sample
 
 
@@ -232,8 +250,12 @@ def _fields(judged: _Judged, refined: RefinedPoses, options: Options) -> dict[st
 
 
 def _summary(samples: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return percentiles over all stills of ``samples`` and means of the rest."""
+    """Return percentiles over all stills of the flights that took pictures, means of the rest."""
     figures: dict[str, Any] = {"flights": len(samples)}
+    samples = [sample for sample in samples if "failed" not in sample]
+    figures["failed_flights"] = figures["flights"] - len(samples)
+    if not samples:
+        return figures
     for name, (digits, *shares) in _PERCENTILES.items():
         values = [value for sample in samples for value in sample.get(name, [])]
         figures |= percentiles(name, values, digits, *shares)
@@ -241,7 +263,8 @@ def _summary(samples: list[dict[str, Any]]) -> dict[str, Any]:
         figures[name] = sum(sample[name] for sample in samples)
     for name, value in samples[0].items():
         if name not in figures and isinstance(value, float):
-            figures[name] = round(float(np.mean([sample[name] for sample in samples])), 5)
+            values = [sample[name] for sample in samples if name in sample]
+            figures[name] = round(float(np.mean(values)), 5)
     figures["sigma_ratio_worst"] = max(
         max(sample["sigma_ratio_translation"], sample["sigma_ratio_rotation"]) for sample in samples
     )

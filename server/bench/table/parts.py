@@ -15,16 +15,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.bench.drawn_video import fly_drawn_capture
 from server.bench.planner_judge import Judge
-from server.bench.poses_flight import FlownCapture, fly_capture, usual_config
+from server.bench.poses_flight import FlownCapture, usual_config
 from server.bench.poses_pictures import draw_pictures
 from server.bench.table.fields import JudgedField, train_and_judge
 from server.bench.table.leave_out import left_out
 from server.bench.table.modes import REFINED, Posed, posed_as
-from server.bench.table.video import DrawnVideo
 from server.bench.table.views import HeldOutViews, draw_views
 from server.mission.commands import Mode
-from server.sim.config import SimConfig
 from server.sim.scenes.catalogue import load_object
 from server.store.atomic import write_atomic
 
@@ -154,26 +153,15 @@ def strip_file(out: Path, wanted: Wanted, what: str) -> Path:
 
 def _fly(wanted: Wanted, folder: Path) -> tuple[FlownCapture, dict[str, float]]:
     begun_s = time.monotonic()
-    videos: list[DrawnVideo] = []
-
-    def make_video(sim: SimConfig) -> DrawnVideo:
-        videos.append(DrawnVideo(sim))
-        return videos[-1]
-
-    try:
-        flown = fly_capture(
-            wanted.scene,
-            wanted.seed,
-            wanted.pictures,
-            folder,
-            mode=wanted.flight,
-            drones=wanted.drones,
-            config=left_out(usual_config(), wanted.without),
-            make_video=make_video,
-        )
-    finally:
-        for video in videos:
-            video.close()
+    flown = fly_drawn_capture(
+        wanted.scene,
+        wanted.seed,
+        wanted.pictures,
+        folder,
+        mode=wanted.flight,
+        drones=wanted.drones,
+        config=left_out(usual_config(), wanted.without),
+    )
     flight_s = time.monotonic() - begun_s
     draw_pictures(flown)
     return flown, {"flight": flight_s, "drawing": time.monotonic() - begun_s - flight_s}

@@ -1,4 +1,4 @@
-"""What the drones' cameras show the mission in flight: the room, drawn picture by picture.
+"""A flight whose mission looks at the room itself, drawn picture by picture.
 
 Drawn at single size and not coded: the mission's eyes look at a quarter of it. The pictures that
 are kept are drawn again afterwards at twice the size and sent through the drone's video coding
@@ -7,17 +7,54 @@ are kept are drawn again afterwards at twice the size and sent through the drone
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-from server.bench.poses_flight import TrueView
+from server.bench.poses_flight import FlownCapture, TrueView, fly_capture
+from server.mission.commands import Mode
+from server.mission.config import FlightConfig
 from server.sim.camera import SimulatedCamera, canvas_intrinsics
 from server.sim.config import SimConfig
 from server.sim.scenes.catalogue import load_object
 from server.sim.world import World
 
 
-class DrawnVideo:
+def fly_drawn_capture(
+    scene: str,
+    seed: int,
+    pictures: int,
+    folder: Path,
+    *,
+    mode: Mode = "optimized",
+    drones: int = 4,
+    config: FlightConfig | None = None,
+) -> FlownCapture:
+    """Fly a capture, as ``poses_flight.fly_capture``, with drawn video; about four minutes."""
+    videos: list[_DrawnVideo] = []
+
+    def make_video(sim: SimConfig) -> _DrawnVideo:
+        videos.append(_DrawnVideo(sim))
+        return videos[-1]
+
+    try:
+        return fly_capture(
+            scene,
+            seed,
+            pictures,
+            folder,
+            mode=mode,
+            drones=drones,
+            config=config,
+            make_video=make_video,
+        )
+    finally:
+        for video in videos:
+            video.close()
+
+
+class _DrawnVideo:
     """The cameras of all drones of one simulation; a ``Video``."""
 
     def __init__(self, sim: SimConfig) -> None:
