@@ -87,6 +87,10 @@ def test_samples_are_pooled_over_flights() -> None:
     assert figures["peer_rotation_deg_p50"] is None
     assert figures["seconds"] == 10.0
     assert figures["sigma_ratio_worst"] == 1.0
+    # Only first flights train fields, and a flight without pictures is counted and left out.
+    figures = _summary([{**sample, "psnr_db_refined": 20.0}, sample, {"failed": "wall"}])
+    assert figures["psnr_db_refined"] == 20.0
+    assert (figures["flights"], figures["failed_flights"], figures["stills"]) == (3, 1, 48)
 
 
 def test_without_the_test_data_there_are_no_photographs(
