@@ -31,6 +31,7 @@ from server.api.serving import uvicorn_config
 from server.api.web import make_web
 from server.jobs.book import JobBook
 from server.jobs.local import LocalRunner
+from server.jobs.planner_warm_up import planner_warm_up
 from server.jobs.ray_runner import RayRunner
 from server.jobs.runner import JobRunner
 from server.mission.control import Control
@@ -286,6 +287,7 @@ async def flying(
             f" the fence has a radius of {settings.safety.fence_radius_m:g} m"
         )
     async with AsyncExitStack() as stack:
+        await stack.enter_async_context(planner_warm_up())
         try:
             fleet = await stack.enter_async_context(Fleet(fleet_config, settings.safety))
         except LinkError as error:

@@ -1,0 +1,68 @@
+"""Compiles the planner before the first plan is due: ``python -m server.jobs.planner_warm_up``.
+
+numba compiles on first use and keeps the machine code on disk. On a machine that has just been
+installed that may take longer than a mission waits for its plan; so whoever flies has a small plan
+made at the start, which nobody looks at.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import numpy as np
+
+from server.geometry.boxes import Box3
+from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.geometry.poses import camera_pose
+from server.planner.config import PlannerConfig
+from server.planner.mission_plan import plan_mission
+from server.stages import CameraPose, SeedGeometry
+
+_NICENESS = 10
+
+
+@asynccontextmanager
+async def planner_warm_up() -> AsyncIterator[asyncio.subprocess.Process]:
+    """Compile in a process of its own beside what the caller does; it is ended on the way out.
+
+    Nothing is lost when it fails or is cut short: the first plan compiles what is missing.
+    """
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        # A file of the folder we stand in must never shadow a module.
+        "-P",
+        "-m",
+        "server.jobs.planner_warm_up",
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        process_group=0,
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.wait()
+
+
+def main() -> None:
+    """Make a plan of two pictures for each of two drones around a box, by the usual numbers."""
+    os.nice(_NICENESS)
+    box = Box3(np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.5]))
+    places = {"1": (np.array([2.0, 0.0, 1.0]), np.pi), "2": (np.array([-2.0, 0.0, 1.0]), 0.0)}
+    poses = {
+        drone_id: CameraPose(
+            drone_id, 0.0, camera_pose(position, yaw_rad, TELLO_TILT_RAD), np.eye(4)
+        )
+        for drone_id, (position, yaw_rad) in places.items()
+    }
+    seed = SeedGeometry(box, (box,), views=4)
+    plan_mission(seed, TELLO_INTRINSICS, TELLO_TILT_RAD, poses, 2, PlannerConfig(), seed_value=0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""The planner is compiled before the first plan is due, and wholly."""
+
+import asyncio
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from server.geometry.cameras import TELLO_INTRINSICS
+from server.jobs.local import LocalRunner
+from server.jobs.plan import PlanInput
+from server.jobs.planner_warm_up import planner_warm_up
+from server.jobs.spec import JobSpec
+from server.planner.config import PlannerConfig
+
+CORNERS = ([-0.2, -0.4, 0.0], [0.2, 0.4, 0.9])
+
+
+async def plan_everything(folder: Path) -> None:
+    """Plan with all that a mission may ask for."""
+    wanted = PlanInput(
+        outer=CORNERS,
+        boxes=[CORNERS, ([-0.1, -0.1, 0.5], [0.1, 0.1, 0.9])],
+        views=4,
+        intrinsics=asdict(TELLO_INTRINSICS),
+        tilt_rad=0.2,
+        drones={"1": (2.0, 0.0, 1.0, 3.1), "2": (-2.0, 0.0, 1.0, 0.0), "3": (0.0, 2.0, 1.0, -1.6)},
+        rounds=2,
+        pictures=5,
+        config=asdict(PlannerConfig()),
+        priorities=[(*CORNERS, 3.0)],
+        taken=[(1.5, 1.5, 1.2, -2.3)],
+        enough=0.5,
+    )
+    job = await LocalRunner().submit(JobSpec("plan", json.loads(wanted.model_dump_json())), folder)
+    async for _ in job.events():
+        pass
+
+
+def compiled(folder: Path) -> set[str]:
+    """Return the names of the kernels' files."""
+    return {file.name for file in folder.rglob("*.nb?")}
+
+
+async def test_a_real_plan_finds_all_it_needs_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels = tmp_path / "kernels"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
+    async with planner_warm_up() as process:
+        assert await process.wait() == 0
+    ready = compiled(kernels)
+    assert ready
+    await plan_everything(tmp_path / "job")
+    assert compiled(kernels) == ready
+
+
+async def test_it_is_ended_with_whoever_started_it() -> None:
+    async with planner_warm_up() as process:
+        await asyncio.sleep(0)
+    assert process.returncode is not None
