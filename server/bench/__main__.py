@@ -20,6 +20,7 @@ _BENCHES = {
     "load": "server.bench.load",
     "nerf": "server.bench.nerf",
     "planner": "server.bench.planner",
+    "policies": "server.bench.policies",
     "poses": "server.bench.poses",
     "mission": "server.bench.missions.measure",
     "regions": "server.bench.regions",

@@ -20,6 +20,7 @@ from server.planner.bound import views_enough
 from server.planner.config import PlannerConfig
 from server.planner.mission_plan import placement_problem, plan_mission
 from server.planner.placement import PlanProgress
+from server.planner.policies import SurfaceUncertainty, uncertainty_near
 from server.stages import (
     Assignment,
     CameraPose,
@@ -33,6 +34,20 @@ _REPORT_S = 0.25
 # Up to so many are tried when asked how many are enough.
 _MOST_PICTURES = 100
 Corners = tuple[list[float], list[float]]
+
+
+class KnownPlaces(BaseModel):
+    """What a field in training knows of places on the object's surface, world metres.
+
+    Attributes:
+        points: The places.
+        normals: Outward there, unit.
+        uncertainty: 0 (known) to 1 of each.
+    """
+
+    points: list[tuple[float, float, float]]
+    normals: list[tuple[float, float, float]]
+    uncertainty: list[float]
 
 
 class PlanInput(BaseModel):
@@ -50,6 +65,7 @@ class PlanInput(BaseModel):
         config: ``PlannerConfig``.
         priorities: Lower and upper corner and weight of the parts that matter more.
         taken: Where pictures were taken already: position x, y, z and yaw.
+        known: What the field knows, for the policy uncertain; None: nothing yet.
         enough: Share of the visible surface for which to find how many pictures are enough.
     """
 
@@ -64,6 +80,7 @@ class PlanInput(BaseModel):
     config: dict[str, Any]
     priorities: list[tuple[list[float], list[float], float]] = []
     taken: list[tuple[float, float, float, float]] = []
+    known: KnownPlaces | None = None
     enough: float | None = None
 
 
@@ -159,6 +176,7 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         spec.seed,
         on_progress,
         reporter.should_stop,
+        uncertainty=_uncertainty(wanted.known),
         taken=[_viewpoint(place) for place in wanted.taken],
         pictures=wanted.pictures,
     )
@@ -183,6 +201,13 @@ def _enough(
     found = views_enough(problem, share, _MOST_PICTURES)
     most = min(_MOST_PICTURES, len(problem.candidates))
     return EnoughPictures(share=share, most=most, sufficient=found.sufficient, needed=found.needed)
+
+
+def _uncertainty(known: KnownPlaces | None) -> SurfaceUncertainty | None:
+    if known is None:
+        return None
+    points, normals = np.reshape(known.points, (-1, 3)), np.reshape(known.normals, (-1, 3))
+    return uncertainty_near(points, normals, np.array(known.uncertainty))
 
 
 def _box(corners: Corners) -> Box3:

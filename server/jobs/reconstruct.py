@@ -63,6 +63,7 @@ class ReconstructInput(BaseModel):
         mode: The capture's mode, None for a dataset.
         results: Also make mesh and film.
         resume: Go on where a reconstruction of the same was cut off.
+        tell_known: Tell what is known of the object's surface while a flight is under way.
     """
 
     source: Literal["flight", "dataset"]
@@ -77,6 +78,7 @@ class ReconstructInput(BaseModel):
     mode: str | None = None
     results: bool = True
     resume: bool = False
+    tell_known: bool = False
 
 
 class _Stages:
@@ -281,6 +283,8 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
             should_stop=reporter.should_stop,
             progress_from=0.0 if fresh else _LIVE_PROGRESS,
         )
+        if wanted.tell_known:
+            reports.tell_known(spec.seed)
 
 
 def refine_run(folder: Path, spec: JobSpec, reporter: Reporting) -> RefinedPoses:

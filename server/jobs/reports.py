@@ -18,6 +18,7 @@ from server.nerf.metrics import psnr_db
 from server.nerf.orbit_view import OrbitView
 from server.nerf.preview import render_preview
 from server.nerf.training import StepReport, Trainer
+from server.nerf.uncertainty import known_surface
 
 _REPORT_S = 1.0
 _PREVIEW_S = 4.0
@@ -134,6 +135,21 @@ class FieldReports:
     def show_orbit(self, width: int, height: int) -> None:
         """Render the orbit's present picture into ``preview.jpg`` and announce it."""
         self._show(None, width, height)
+
+    def tell_known(self, seed: int) -> None:
+        """Tell what the field knows of the object's surface; nothing while no object is known."""
+        box = self._trainer.dataset.object_box
+        if box is None:
+            return
+        known = known_surface(
+            self._trainer, box, np.random.default_rng([seed, self._trainer.steps])
+        )
+        self._reporter.emit(
+            "known",
+            points=known.points.round(3).tolist(),
+            normals=known.normals.round(3).tolist(),
+            uncertainty=known.uncertainty.round(3).tolist(),
+        )
 
     def _show(self, wanted: OrbitView | None, width: int = 320, height: int = 240) -> None:
         view = wanted or (time.monotonic() / _ORBIT_S) % 1.0

@@ -2,9 +2,9 @@
 
 A job is a folder with ``spec.json``. The worker prints one JSON object per line on stdout and
 copies it to ``events.jsonl``; each has ``event`` (``progressed``, ``found``, ``preview``,
-``refined``, ``metrics``, ``done`` or ``failed``) and what belongs to it. The file ``stop`` asks the
-worker to end at its next step, ``view.json`` says where its previews are to be seen from.
-``heartbeat`` says whether one is at work.
+``known``, ``refined``, ``metrics``, ``done`` or ``failed``) and what belongs to it. The file
+``stop`` asks the worker to end at its next step, ``view.json`` says where its previews are to be
+seen from. ``heartbeat`` says whether one is at work.
 """
 
 from __future__ import annotations

@@ -92,6 +92,13 @@ class Mission:
         self._photographer = Photographer(
             run, tools.fleet, tools.eyes, tools.pilot, tools.events, tools.config.mission
         )
+        self._reconstruction = Reconstruction(
+            request,
+            run,
+            tools.runner,
+            tools.events,
+            ask_known=tools.config.planner.policy == "uncertain",
+        )
         self._planning = Planning(
             request,
             run.path / "jobs" / "plan",
@@ -100,8 +107,8 @@ class Mission:
             tools.config,
             tools.priorities,
             tools.no_go,
+            known=lambda: self._reconstruction.known,
         )
-        self._reconstruction = Reconstruction(request, run, tools.runner, tools.events)
         self._steps = Steps(
             request,
             self._state,

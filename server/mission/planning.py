@@ -7,13 +7,13 @@ in time or none is possible, so that a mission never waits for its planner.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from server.jobs.plan import PlanInput, PlanResult
+from server.jobs.plan import KnownPlaces, PlanInput, PlanResult
 from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
@@ -39,6 +39,7 @@ class Planning:
         config: FlightConfig,
         priorities: Priorities,
         no_go: NoGo,
+        known: Callable[[], KnownPlaces | None] = lambda: None,
     ) -> None:
         self._request = request
         self._folder = folder
@@ -47,6 +48,7 @@ class Planning:
         self._config = config
         self._priorities = priorities
         self._no_go = no_go
+        self._known = known
         self._planned_around: tuple[NoGoVolume, ...] = ()
         self._job: Job | None = None
 
@@ -87,8 +89,10 @@ class Planning:
 
     @property
     def each_round(self) -> bool:
-        """True when every round has a plan of its own."""
-        replans = self._config.mission.replan_every_round
+        """True when every round has a plan of its own: by the settings, or the policy uncertain."""
+        # What a field does not know is learned from round to round.
+        uncertain = self._config.planner.policy == "uncertain"
+        replans = self._config.mission.replan_every_round or uncertain
         return self._request.mode == "optimized" and replans
 
     async def rounds_anew(
@@ -138,6 +142,7 @@ class Planning:
             tilt_rad=float(np.deg2rad(camera.tilt_deg)),
             drones={d: _place(pose) for d, pose in poses.items()},
             taken=[_place(pose) for pose in taken],
+            known=self._known(),
             rounds=_rounds(views, poses),
             pictures=views,
             config=asdict(self._no_go.within(self._config.planner)),

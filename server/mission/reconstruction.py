@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from server.geometry.cameras import Intrinsics
+from server.jobs.plan import KnownPlaces
 from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.jobs.unfinished import unfinished
@@ -45,10 +46,24 @@ class Reconstruction:
 
     Attributes:
         cancelled: True once somebody wanted its end.
+        known: What the field last told of the object's surface, None before or if nobody asked.
+
+    Args:
+        request: What was asked for.
+        run: The run.
+        runner: Starts the worker.
+        events: Where its news goes.
+        ask_known: Have it tell, in flight, what it knows of the object's surface.
     """
 
     def __init__(
-        self, request: CaptureRequest, run: RunFolder, runner: JobRunner, events: EventStream
+        self,
+        request: CaptureRequest,
+        run: RunFolder,
+        runner: JobRunner,
+        events: EventStream,
+        *,
+        ask_known: bool = False,
     ) -> None:
         self._request = request
         self._run = run
@@ -58,7 +73,9 @@ class Reconstruction:
         self._following: asyncio.Task[dict[str, Any]] | None = None
         self._finishing_since_s: float | None = None
         self._viewing = asyncio.Lock()
+        self._ask_known = ask_known
         self.cancelled = False
+        self.known: KnownPlaces | None = None
 
     def seconds_total(self) -> float:
         """Return how long the work after the flight is expected to take."""
@@ -80,6 +97,7 @@ class Reconstruction:
                 "train_seconds": self._request.train_seconds,
                 "test_every": 8,
                 "mode": self._request.mode,
+                "tell_known": self._ask_known,
             },
             self._request.seed,
         )
@@ -177,6 +195,8 @@ class Reconstruction:
                     self._publish_preview(event)
                 case "refined":
                     self._publish_poses(event)
+                case "known":
+                    self.known = KnownPlaces.model_validate(event)
                 case "metrics":
                     self._events.publish(MetricsMeasured(Metrics(**event["metrics"])))
                 case "done":

@@ -29,7 +29,7 @@ from server.nerf.optimiser import Adam
 from server.nerf.rays import PixelSource, camera_rays
 from server.nerf.rendering import Rendering, SampledRays
 from server.nerf.sampling import Backend, Samples, sample_rays, visible_part
-from server.nerf.space import SceneSpace, scene_space
+from server.nerf.space import SceneSpace, contract, scene_space
 from server.nerf.torch_backend import TorchBackend
 from server.nerf.whole_file import whole_file
 from server.stages import Metrics
@@ -301,6 +301,25 @@ class Trainer:
             report = self.step()
             if on_progress is not None:
                 on_progress(report)
+
+    @property
+    def training_pictures(self) -> list[int]:
+        """Pictures that are trained on at present."""
+        return self._indices.tolist()
+
+    def densities_at(self, points_world: Array) -> Array:
+        """Return the field's densities ``(n,)`` per metre at ``points_world`` ``(n, 3)``.
+
+        Where no picture looks there is nothing to know, and nothing is told to be there.
+        """
+        scene = self.space.to_scene(points_world)
+        u = contract(scene)
+        cells = np.minimum(
+            (u * len(self._memory.seen)).astype(np.int64), len(self._memory.seen) - 1
+        )
+        densities = self._densities(u.astype(np.float32)) * self._memory.seen[tuple(cells.T)]
+        # A metre is so many path units (``server.nerf.space``).
+        return densities / (self.space.half_size * np.maximum(np.abs(scene).max(axis=1), 1.0))
 
     def object_part(self, cells: int, *, occupied: bool = False) -> ObjectPart:
         """Return where the object may be.

@@ -81,12 +81,13 @@ def build_problem(
     tilt_rad: float,
     config: FitnessConfig,
     neighbours: int = 12,
-    weigh: Callable[[Array], Array] | None = None,
+    weigh: Callable[[Array, Array], Array] | None = None,
     taken: Sequence[Viewpoint] = (),
 ) -> FitnessProblem:
     """Sample the surface of ``seed``, cast the rays and prepare every term.
 
-    ``weigh`` tells for points ``(s, 3)`` how many times each counts, beside the operator's wishes.
+    ``weigh`` tells for points and normals ``(s, 3)`` how many times each patch counts, beside the
+    operator's wishes.
     Where pictures were ``taken`` already they join the candidates, at their end.
 
     Raises:
@@ -98,7 +99,7 @@ def build_problem(
     table = visibility_table(candidates, samples, boxes, intrinsics, tilt_rad, config)
     weights = patch_weights(samples, seed.priorities)
     if weigh is not None:
-        weights = weights * weigh(samples.points)
+        weights = weights * weigh(samples.points, samples.normals)
     return problem_from_table(
         candidates, samples, table, config, neighbours, weights, taken=len(taken)
     )

@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from server.planner.config import AnnealingConfig
 from server.planner.fitness import FitnessProblem
@@ -23,8 +24,13 @@ from server.planner.placement import CancelCheck, ProgressReport, choose, refuse
 
 Array = NDArray[np.float64]
 
-# Uncertainty in [0, 1] of each of ``(s, 3)`` points on the surface, world metres.
-SurfaceUncertainty = Callable[[Array], Array]
+# Uncertainty in [0, 1] of each of ``(s, 3)`` points on the surface, world metres, with the
+# surface's outward normals there ``(s, 3)``.
+SurfaceUncertainty = Callable[[Array, Array], Array]
+
+_NEAREST = 8
+# The opposite normal is as far away as this share of the object's size, twice.
+_TURNED = 0.5
 
 
 class Policy(Protocol):
@@ -81,13 +87,41 @@ POLICIES: dict[str, Policy] = {
 }
 
 
-def uncertain_weights(points: Array, uncertainty: SurfaceUncertainty, gain: float) -> Array:
+def uncertain_weights(
+    points: Array, normals: Array, uncertainty: SurfaceUncertainty, gain: float
+) -> Array:
     """Return how many times each patch counts ``(s,)``: 1 + gain x its uncertainty.
 
     Raises:
         ValueError: If the field's answer has another shape or leaves [0, 1].
     """
-    known = np.asarray(uncertainty(points), float)
+    known = np.asarray(uncertainty(points, normals), float)
     if known.shape != (len(points),) or not ((known >= 0.0) & (known <= 1.0)).all():
         raise ValueError("uncertainty must be one number in [0, 1] per point")
     return 1.0 + gain * known
+
+
+def uncertainty_near(points: Array, normals: Array, uncertainty: Array) -> SurfaceUncertainty:
+    """Return the uncertainty of any surface from that of some places on it.
+
+    It is the mean of the nearest places, where a normal that is turned away counts as distance:
+    what is known of one side of a thin part says nothing about the other.
+
+    Without any place nothing is known of any surface.
+
+    Args:
+        points: The places ``(n, 3)``, world metres.
+        normals: Outward there ``(n, 3)``, unit.
+        uncertainty: 0 to 1 of each ``(n,)``.
+    """
+    if len(points) == 0:
+        return lambda asked, _: np.ones(len(asked))
+    count = min(_NEAREST, len(points))
+    turned_m = _TURNED * float(np.linalg.norm(np.ptp(points, axis=0)))
+    tree = KDTree(np.hstack([points, turned_m * normals]))
+
+    def of(asked: Array, asked_normals: Array) -> Array:
+        _, nearest = tree.query(np.hstack([asked, turned_m * asked_normals]), k=count)
+        return uncertainty[nearest].reshape(len(asked), count).mean(axis=1)
+
+    return of

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from server.jobs.reports import keep_renderings
+from server.jobs.plan import KnownPlaces
+from server.jobs.reports import FieldReports, keep_renderings
+from server.jobs.spec import EVENTS
+from server.jobs.worker import Reporter
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import load_dataset
+from server.nerf.training import Trainer
+from tests.nerf.tiny_scene import write_tiny_scene
 
 
 def test_a_rendering_is_kept_as_it_was(tmp_path: Path) -> None:
@@ -19,3 +27,15 @@ def test_a_rendering_is_kept_as_it_was(tmp_path: Path) -> None:
     assert kept_bgr is not None
     assert kept_bgr.shape == (24, 32, 3)
     assert np.abs(kept_bgr.mean((0, 1)) - (63.75, 0.0, 255.0)).max() < 4.0
+
+
+def test_what_is_known_is_told_as_the_planner_reads_it(tmp_path: Path) -> None:
+    dataset = load_dataset(write_tiny_scene(tmp_path / "scene", 4))
+    trainer = Trainer(dataset, FieldConfig(), TrainConfig(), held_out=[], threads=1)
+    trainer.run(steps=30)
+    FieldReports(trainer, Reporter(tmp_path), tmp_path, images=4).tell_known(seed=0)
+    (line,) = (tmp_path / EVENTS).read_text().splitlines()
+    event = json.loads(line)
+    assert event["event"] == "known"
+    known = KnownPlaces.model_validate(event)
+    assert len(known.points) == len(known.normals) == len(known.uncertainty)

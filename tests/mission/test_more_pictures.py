@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,17 @@ import pytest
 from virtual_console import REQUEST, in_phase, tell
 
 from server.bench.missions import virtual_flight
+from server.bench.missions.inline_jobs import InlineRunner
 from server.bench.missions.virtual_flight import VirtualFlight
+from server.jobs.plan import KnownPlaces
 from server.jobs.runner import JobFailedError
+from server.jobs.spec import JobSpec
 from server.mission.commands import RefusedError
 from server.mission.config import FlightConfig, MissionConfig
 from server.mission.control import Control
 from server.mission.events import CaptureTaken, EventStream, Noted, PlanFound
 from server.mission.planning import Planning
+from server.planner.config import PlannerConfig
 from server.swarm.fleet import Fleet
 
 pytestmark = pytest.mark.slow
@@ -155,6 +160,56 @@ def test_every_round_may_have_a_plan_of_its_own(
     tell(story, tmp_path)
     plans = [len(event.placement.viewpoints) for event in news if isinstance(event, PlanFound)]
     assert plans == [12, 8, 4]
+
+
+class _LiveTraining:
+    """A training that tells once what it knows, and is at work until it is cancelled; a ``Job``."""
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self._known = known
+        self._cancelled = asyncio.Event()
+
+    async def events(self) -> AsyncIterator[dict[str, Any]]:
+        yield {"event": "known", "at_s": 0.0} | self._known
+        await self._cancelled.wait()
+        raise JobFailedError("cancelled")
+
+    async def cancel(self) -> None:
+        self._cancelled.set()
+
+
+def test_what_the_field_does_not_know_reaches_the_plan_of_the_next_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = {"points": [[0.0, 0.0, 0.4]], "normals": [[0.0, 0.0, 1.0]], "uncertainty": [0.25]}
+    asked: list[Any] = []
+    third = asyncio.Event()
+    usual, submit_plan = virtual_flight.FlightConfig, InlineRunner.submit
+
+    def uncertain(mission: MissionConfig, planner: PlannerConfig, *rest: Any) -> FlightConfig:
+        return usual(mission, replace(planner, policy="uncertain"), *rest)
+
+    async def submit(runner: InlineRunner, spec: JobSpec, folder: Path) -> Any:
+        if spec.kind == "plan":
+            asked.append(spec.parameters["known"])
+            if len(asked) == 3:
+                third.set()
+            return await submit_plan(runner, spec, folder)
+        assert spec.parameters["tell_known"]
+        return _LiveTraining(told)
+
+    monkeypatch.setattr(virtual_flight, "FlightConfig", uncertain)
+    monkeypatch.setattr(InlineRunner, "submit", submit)
+
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        record = await control.start_capture(replace(REQUEST, pictures=12, train_seconds=5.0))
+        await asyncio.wait_for(third.wait(), 600.0)
+        await control.abort_capture(record.status.id)
+        await control.wait_for_capture(record.status.id)
+
+    tell(story, tmp_path)
+    # The first plan is made before there is a picture to train on, the second before any was.
+    assert asked[:3] == [None, None, KnownPlaces.model_validate(told).model_dump()]
 
 
 def test_a_training_that_cannot_begin_ends_no_flight(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from server.planner.policies import (
     SurfaceUncertainty,
     choose_farthest,
     uncertain_weights,
+    uncertainty_near,
 )
 from server.stages import SeedGeometry
 
@@ -67,16 +68,39 @@ def test_what_the_field_does_not_know_draws_the_views(dog: SeedGeometry) -> None
         )
         return float(np.mean([view.position_world[0] for view in placement.viewpoints]))
 
-    west = mean_x(lambda points: (points[:, 0] < 0.0).astype(float))
-    east = mean_x(lambda points: (points[:, 0] >= 0.0).astype(float))
+    west = mean_x(lambda points, _: (points[:, 0] < 0.0).astype(float))
+    east = mean_x(lambda points, _: (points[:, 0] >= 0.0).astype(float))
     assert west < east - 0.05
+
+
+def test_the_two_sides_of_a_thin_part_are_known_apart() -> None:
+    places = np.array([[x, 0.0, z] for x in np.linspace(-0.5, 0.5, 9) for z in (0.2, 0.5, 0.8)])
+    front = np.tile([0.0, -1.0, 0.0], (len(places), 1))
+    known = uncertainty_near(
+        np.concatenate([places, places + np.array([0.0, 0.02, 0.0])]),
+        np.concatenate([front, -front]),
+        np.repeat([0.1, 0.9], len(places)),
+    )
+    asked = np.array([[0.1, 0.01, 0.4]])
+    assert known(asked, front[:1]) == pytest.approx(0.1)
+    assert known(asked, -front[:1]) == pytest.approx(0.9)
+
+
+def test_without_places_nothing_is_known() -> None:
+    known = uncertainty_near(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+    np.testing.assert_array_equal(known(np.zeros((3, 3)), np.zeros((3, 3))), 1.0)
+
+
+def test_one_place_is_enough() -> None:
+    known = uncertainty_near(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), np.array([0.4]))
+    np.testing.assert_array_equal(known(np.ones((2, 3)), np.ones((2, 3))), 0.4)
 
 
 def test_a_field_that_answers_nonsense_is_refused() -> None:
     points = np.zeros((4, 3))
     for answer in (np.zeros(3), np.full(4, 1.5), np.full(4, np.nan)):
         with pytest.raises(ValueError, match="uncertainty"):
-            uncertain_weights(points, lambda _, answer=answer: answer, 1.0)
+            uncertain_weights(points, points, lambda *_, answer=answer: answer, 1.0)
 
 
 def test_an_unknown_policy_is_refused() -> None:
