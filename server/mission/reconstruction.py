@@ -176,10 +176,8 @@ class Reconstruction:
             await asyncio.wait([self._following])
 
     def _warn_of_failure(self, task: asyncio.Task[dict[str, Any]]) -> None:
-        if task.cancelled() or self.cancelled:
-            return
-        error = task.exception()
-        if isinstance(error, JobFailedError):
+        error = None if task.cancelled() else task.exception()
+        if isinstance(error, JobFailedError) and not self.cancelled:
             self._events.publish(
                 Noted("error", f"The reconstruction failed ({error}); all pictures are kept.")
             )
