@@ -106,6 +106,15 @@ class SeedReport(_Message):
     views: int
 
 
+class CoverageReport(_Message):
+    """Shares of the object's surface that at least one and at least three pictures show."""
+
+    type: Literal["surface_seen"] = "surface_seen"
+    at: str
+    share_once: float
+    share_thrice: float
+
+
 class TrainingReport(_Message):
     """The field's training as it runs."""
 
@@ -280,6 +289,7 @@ ServerMessage = Annotated[
     | PlanProgress
     | PlanReport
     | SeedReport
+    | CoverageReport
     | TrainingReport
     | PosesReport
     | PreviewReport

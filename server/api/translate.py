@@ -34,6 +34,7 @@ from server.mission.events import (
     PrioritiesChanged,
     PriorityPart,
     SeedFitted,
+    SurfaceSeen,
     TrainingProgressed,
     ViewsDisagree,
 )
@@ -55,7 +56,7 @@ def message_from_event(event: Event) -> BaseModel | None:
             return _capture(event)
         case TrainingProgressed():
             return _training(event)
-        case SeedFitted() | PlanProgressed() | PlanFound():
+        case SeedFitted() | SurfaceSeen() | PlanProgressed() | PlanFound():
             return _planning(event)
         case CaptureTaken():
             return messages.PictureReport(
@@ -159,7 +160,7 @@ def _training(event: TrainingProgressed) -> messages.TrainingReport:
     )
 
 
-def _planning(event: SeedFitted | PlanProgressed | PlanFound) -> BaseModel:
+def _planning(event: SeedFitted | SurfaceSeen | PlanProgressed | PlanFound) -> BaseModel:
     match event:
         case SeedFitted():
             outer = event.seed.outer
@@ -169,6 +170,10 @@ def _planning(event: SeedFitted | PlanProgressed | PlanFound) -> BaseModel:
                 size=[float(value) for value in outer.size],
                 boxes=len(event.seed.boxes),
                 views=event.seed.views,
+            )
+        case SurfaceSeen():
+            return messages.CoverageReport(
+                at=_iso(event.at), share_once=event.share_once, share_thrice=event.share_thrice
             )
         case PlanProgressed():
             return messages.PlanProgress(

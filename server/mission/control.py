@@ -58,6 +58,7 @@ from server.mission.events import (
     PreviewRendered,
     PriorityPart,
     SeedFitted,
+    SurfaceSeen,
 )
 from server.mission.eyes import CameraEye, Eye
 from server.mission.flight_recording import RECORDING, FlightRecording, Scenery, record_capture
@@ -93,7 +94,15 @@ _FAILSAFES_KEPT = 50
 # An abort lands the drones somewhere clear of each other; then the program ends all the same.
 _ABORT_S = 20.0
 # The newest of each is what a newcomer to the console needs to see.
-_STANDING = (SeedFitted, PlanFound, PosesRefined, PreviewRendered, MetricsMeasured, CaptureChanged)
+_STANDING = (
+    SeedFitted,
+    SurfaceSeen,
+    PlanFound,
+    PosesRefined,
+    PreviewRendered,
+    MetricsMeasured,
+    CaptureChanged,
+)
 
 
 class Control:

@@ -165,6 +165,26 @@ class SeedFitted:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSeen:
+    """How much of the object's surface the pictures taken so far show.
+
+    Attributes:
+        points: Centres of its patches ``(s, 3)``, world metres.
+        pictures: In how many pictures each is seen ``(s,)``.
+        patch_m: Width of a patch.
+        share_once: Share of the area that at least one picture shows.
+        share_thrice: Share that at least three show.
+    """
+
+    points: NDArray[np.float64]
+    pictures: NDArray[np.int64]
+    patch_m: float
+    share_once: float
+    share_thrice: float
+    at: datetime = field(default_factory=_now)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PlanProgressed:
     """The annealing reports: temperature and best fitness so far."""
 
@@ -457,6 +477,7 @@ Event = (
     | FrameAnnotated
     | PoseEstimated
     | SeedFitted
+    | SurfaceSeen
     | PlanProgressed
     | PlanFound
     | CaptureTaken

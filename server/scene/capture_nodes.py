@@ -20,6 +20,7 @@ from server.mission.events import (
     PreviewRendered,
     PrioritiesChanged,
     SeedFitted,
+    SurfaceSeen,
 )
 from server.scene.config import SceneConfig
 from server.scene.shapes import (
@@ -41,6 +42,12 @@ _UNKNOWN: Rgb = (150, 150, 150)
 # What a picture more would add, from next to nothing to most: perceptually even, and also told
 # apart where red and green are not.
 _GAIN_SCALE = cv2.COLORMAP_VIRIDIS
+# From dark to bright, so that they are told apart without red and green, too.
+_UNSEEN, _SEEN_ONCE = np.array([150.0, 30.0, 40.0]), np.array([70.0, 110.0, 150.0])
+_SEEN_OFTEN = np.array([190.0, 240.0, 170.0])
+_SEEN_WELL = 3.0
+# Patches stay apart, so that what is behind them can be made out.
+_PATCH_SHARE = 0.5
 
 
 @dataclass(slots=True)
@@ -69,6 +76,7 @@ class CaptureLayer:
         self._planned: dict[str, _Planned] = {}
         self._ring: list[CameraFrustumHandle] = []
         self._spare: PointCloudHandle | None = None
+        self._seen: PointCloudHandle | None = None
         self._shown: Literal["planned", "ring", "both"] = "planned"
         self._pictures: dict[int, CameraFrustumHandle] = {}
         self._preview: CameraFrustumHandle | None = None
@@ -85,12 +93,12 @@ class CaptureLayer:
         nodes = [*self._boxes.values(), *self._pictures.values()]
         nodes += [planned.node for planned in self._planned.values()]
         nodes += self._ring
-        nodes += [node for node in (self._preview, self._spare) if node is not None]
+        nodes += [node for node in (self._preview, self._spare, self._seen) if node is not None]
         for node in nodes:
             node.visible = False
         self._planned.clear()
         self._ring.clear()
-        self._spare = None
+        self._spare = self._seen = None
         self._pictures.clear()
         return True
 
@@ -101,6 +109,20 @@ class CaptureLayer:
         colours = (1.0 - sureness) * _UNSURE_SLICE + sureness * _SURE_SLICE
         by_edge = colours.reshape(-1, 2, 3).astype(np.uint8)
         self._draw_boxes("slices", event.seed.boxes, by_edge, 1.5)
+
+    def draw_seen(self, event: SurfaceSeen) -> None:
+        """Paint the surface: red where no picture shows it, the greener the more of them do."""
+        share = np.minimum(event.pictures / _SEEN_WELL, 1.0)[:, None]
+        colours = np.where(
+            event.pictures[:, None] == 0, _UNSEEN, (1.0 - share) * _SEEN_ONCE + share * _SEEN_OFTEN
+        )
+        self._seen = self._scene.add_point_cloud(
+            "/seed/seen",
+            points=event.points.astype(np.float32),
+            colors=colours.astype(np.uint8),
+            point_size=_PATCH_SHARE * event.patch_m,
+            point_shape="square",
+        )
 
     def draw_priorities(self, event: PrioritiesChanged) -> None:
         """Draw the operator's parts of priority that have been found on the object."""

@@ -21,6 +21,7 @@ from server.mission.events import (
     PreviewRendered,
     PrioritiesChanged,
     SeedFitted,
+    SurfaceSeen,
 )
 
 _Slot = tuple[str, object]
@@ -49,6 +50,8 @@ class Mailbox:
                 slot = ("picture", event.capture.index)
             case SeedFitted():
                 slot = ("seed", None)
+            case SurfaceSeen():
+                slot = ("seen", None)
             case PrioritiesChanged():
                 slot = ("priorities", None)
             case NoGoChanged():

@@ -33,6 +33,7 @@ from server.mission.events import (
     PrioritiesChanged,
     SeedFitted,
     Subscription,
+    SurfaceSeen,
 )
 from server.scene.capture_nodes import CaptureLayer
 from server.scene.config import SceneConfig
@@ -82,6 +83,8 @@ class Stage:
                 self._drones.draw_frame(event)
             case SeedFitted():
                 self._captures.draw_seed(event)
+            case SurfaceSeen():
+                self._captures.draw_seen(event)
             case PrioritiesChanged():
                 self._captures.draw_priorities(event)
             case NoGoChanged():

@@ -44,6 +44,7 @@ from server.mission.events import (
     PlanFound,
     PriorityPart,
     SeedFitted,
+    SurfaceSeen,
 )
 from server.stages import (
     Assignment,
@@ -208,6 +209,11 @@ def seed_fitted() -> SeedFitted:
     lower = Box3(outer.lower, np.array([0.5, 0.4, 0.8]))
     upper = Box3(np.array([-0.3, -0.3, 0.8]), np.array([0.3, 0.3, 1.6]))
     return SeedFitted(SeedGeometry(outer, (lower, upper), views=4))
+
+
+def surface_seen() -> SurfaceSeen:
+    points = np.array([[0.5, 0.0, 0.4], [-0.5, 0.0, 0.4], [0.0, 0.4, 1.2], [0.0, 0.0, 1.6]])
+    return SurfaceSeen(points, np.array([0, 1, 3, 7]), 0.1, share_once=0.75, share_thrice=0.5)
 
 
 def plan_found(rounds: int = 2) -> PlanFound:

@@ -14,6 +14,7 @@ from fake_mission import (
     picture_taken,
     plan_found,
     seed_fitted,
+    surface_seen,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,6 +45,7 @@ def test_every_message_says_what_the_schema_says() -> None:
         capture_changed(),
         picture_taken(),
         seed_fitted(),
+        surface_seen(),
         plan_found(),
         Noted("warning", "low battery", "drone-1"),
     ):
@@ -61,6 +63,7 @@ def test_every_message_says_what_the_schema_says() -> None:
         "capture_changed",
         "capture_taken",
         "seed_fitted",
+        "surface_seen",
         "plan_found",
         "noted",
     ]

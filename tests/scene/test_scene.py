@@ -39,6 +39,7 @@ from server.mission.events import (
     PrioritiesChanged,
     PriorityPart,
     SeedFitted,
+    SurfaceSeen,
 )
 from server.scene.config import SceneConfig
 from server.scene.mailbox import Mailbox
@@ -233,6 +234,22 @@ def test_sure_slices_are_brighter_than_unsure_ones(drawn: Drawn) -> None:
     assert colours.shape == (24, 2, 3)
     assert (colours[:12] == colours[0, 0]).all()
     assert colours[0, 0].sum() > colours[12, 0].sum() + 150.0
+
+
+def test_the_surface_is_painted_by_the_pictures_that_show_it(drawn: Drawn) -> None:
+    points = np.array([[0.1, 0.0, 0.2], [0.2, 0.0, 0.2], [0.3, 0.0, 0.2], [0.4, 0.0, 0.2]])
+    drawn.draw(SurfaceSeen(points, np.array([0, 1, 3, 9]), 0.05, 0.75, 0.5))
+    cloud = drawn.node("/seed/seen")
+    assert isinstance(cloud, viser.PointCloudHandle)
+    assert cloud.visible
+    np.testing.assert_allclose(np.asarray(cloud.points), points, atol=1e-3)
+    never, once, thrice, more = np.asarray(cloud.colors).astype(int)
+    brightness = [colour.sum() for colour in (never, once, thrice)]
+    assert brightness == sorted(brightness)
+    assert never[0] > never[1:].max()  # Red.
+    np.testing.assert_array_equal(thrice, more)
+    drawn.draw(capture_changed("another"))
+    assert not cloud.visible
 
 
 def test_a_taken_picture_dims_the_viewpoint_it_was_planned_for(drawn: Drawn) -> None:

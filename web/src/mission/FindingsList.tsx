@@ -4,7 +4,7 @@ import { words } from "../text/words";
 
 /** What the mission has found out so far: the object, the plan, the poses. */
 export function FindingsList({ findings, run }: { readonly findings: Findings; readonly run: string | null }) {
-  const { seed, plan, planning, poses } = findings;
+  const { seed, coverage, plan, planning, poses } = findings;
   const text = words.mission.findings;
   const rows: [string, ReactNode][] = [];
   if (seed !== null) {
@@ -21,6 +21,10 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
     const weighed = Object.keys(plan.terms).length > 0;
     rows.push([text.plan, weighed ? text.planFound(plan.viewpoints, plan.candidates) : text.ring(plan.viewpoints)]);
     if (weighed) rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
+  }
+  if (coverage !== null) {
+    const [once, thrice] = [coverage.share_once, coverage.share_thrice].map((share) => Math.round(100 * share));
+    rows.push([text.seen, text.seenShares(once, thrice)]);
   }
   if (poses !== null) rows.push([text.poses, text.refined(poses.refined, poses.images)]);
   if (run !== null && run !== "") rows.push([words.mission.run, <code key="run">{run}</code>]);

@@ -98,6 +98,14 @@ export interface SeedReport {
   readonly views: number;
 }
 
+/** Shares of the object's surface that at least one and at least three pictures show. */
+export interface CoverageReport {
+  readonly type: "surface_seen";
+  readonly at: string;
+  readonly share_once: number;
+  readonly share_thrice: number;
+}
+
 /** The field's training as it runs. */
 export interface TrainingReport {
   readonly type: "training_progressed";
@@ -223,6 +231,7 @@ export type ServerMessage =
   | PlanProgress
   | PlanReport
   | SeedReport
+  | CoverageReport
   | TrainingReport
   | PosesReport
   | PreviewReport

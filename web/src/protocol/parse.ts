@@ -8,6 +8,7 @@ const TYPES: Readonly<Record<ServerMessage["type"], true>> = {
   plan_progressed: true,
   plan_found: true,
   seed_fitted: true,
+  surface_seen: true,
   training_progressed: true,
   poses_refined: true,
   preview_rendered: true,

@@ -52,7 +52,30 @@ export function ScenePanel({ aside }: { readonly aside?: ReactNode }) {
           </div>
         )}
       </div>
+      <SeenLegend />
     </Panel>
+  );
+}
+
+/** What the colours of the painted surface mean, once it is painted. */
+function SeenLegend() {
+  const painted = useConsole((state) => state.findings.coverage !== null);
+  const { seen, seenNever, seenOnce, seenOften } = words.scene;
+  if (!painted) return null;
+  const colours = [
+    ["never", seenNever],
+    ["once", seenOnce],
+    ["often", seenOften],
+  ] as const;
+  return (
+    <p className="scene-legend">
+      {seen}
+      {colours.map(([name, word]) => (
+        <span key={name}>
+          <i className={`seen-${name}`} aria-hidden="true" /> {word}
+        </span>
+      ))}
+    </p>
   );
 }
 

@@ -148,6 +148,7 @@ function reduceServer(state: ConsoleState, message: ServerMessage, nowMs: number
     case "plan_progressed":
     case "plan_found":
     case "seed_fitted":
+    case "surface_seen":
     case "training_progressed":
     case "poses_refined":
     case "preview_rendered":
@@ -250,6 +251,8 @@ function reduceMission(mission: Mission, message: MissionMessage, live: boolean)
       return found(mission, { plan: message, planning: null });
     case "seed_fitted":
       return found(mission, { seed: message });
+    case "surface_seen":
+      return found(mission, { coverage: message });
     case "training_progressed": {
       const { quality, training } = mission.findings;
       const next = found(mission, {

@@ -14,6 +14,7 @@ import type {
   PreviewReport,
   NoGoVolume,
   PriorityPart,
+  CoverageReport,
   SeedReport,
   ServerMessage,
   TrainingReport,
@@ -56,6 +57,7 @@ export interface Findings {
   readonly annealing: readonly PlanProgress[];
   readonly plan: PlanReport | null;
   readonly seed: SeedReport | null;
+  readonly coverage: CoverageReport | null;
   readonly poses: PosesReport | null;
   readonly training: TrainingReport | null;
   readonly quality: QualitySeries;
@@ -150,6 +152,7 @@ export const NO_FINDINGS: Findings = {
   annealing: [],
   plan: null,
   seed: null,
+  coverage: null,
   poses: null,
   training: null,
   quality: EMPTY_SERIES,

@@ -358,6 +358,8 @@ export const de: Catalogue = {
       bound: (gap) => `höchstens ${gap} % unter dem Möglichen`,
       poses: "Posen",
       refined: (refined, images) => `${refined} von ${images} verfeinert`,
+      seen: "Oberfläche gesehen",
+      seenShares: (once, thrice) => `${once} %; in mindestens drei Bildern ${thrice} %`,
     },
   },
   strip: {
@@ -372,6 +374,10 @@ export const de: Catalogue = {
     sigma: (cm, degrees) => `Pose auf ${cm} cm und ${degrees} Grad bekannt (ein Sigma)`,
   },
   scene: {
+    seen: "Oberfläche des Objekts, nach den Bildern, die sie zeigen:",
+    seenNever: "keins",
+    seenOnce: "eins",
+    seenOften: "drei oder mehr",
     title: "Szene",
     frame: "3D-Szene: Drohnen, Objekt, geplante und gemachte Bilder",
     down: "Die 3D-Szene ist nicht da.",

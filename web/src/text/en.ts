@@ -359,6 +359,8 @@ export const en = {
       bound: (gap: string) => `within ${gap} % of the best possible`,
       poses: "Poses",
       refined: (refined: number, images: number) => `${refined} of ${images} refined`,
+      seen: "Surface seen",
+      seenShares: (once: number, thrice: number) => `${once} %; in three pictures or more ${thrice} %`,
     },
   },
   strip: {
@@ -374,6 +376,10 @@ export const en = {
     sigma: (cm: string, degrees: string) => `Pose known to ${cm} cm and ${degrees} degrees (one sigma)`,
   },
   scene: {
+    seen: "The object's surface, by the pictures that show it:",
+    seenNever: "none",
+    seenOnce: "one",
+    seenOften: "three or more",
     title: "Scene",
     frame: "3D scene: drones, object, planned and taken views",
     down: "The 3D scene is not available.",
