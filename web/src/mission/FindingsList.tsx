@@ -23,8 +23,8 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
     if (weighed) rows.push([text.fitness, <PlanFitness key="fitness" fitness={plan.fitness} bound={plan.bound} />]);
   }
   if (coverage !== null) {
-    const [once, thrice] = [coverage.share_once, coverage.share_thrice].map((share) => Math.round(100 * share));
-    rows.push([text.seen, text.seenShares(once, thrice)]);
+    const { share_once: once, share_thrice: thrice } = coverage;
+    rows.push([text.seen, text.seenShares(Math.round(100 * once), Math.round(100 * thrice))]);
   }
   if (poses !== null) rows.push([text.poses, text.refined(poses.refined, poses.images)]);
   if (run !== null && run !== "") rows.push([words.mission.run, <code key="run">{run}</code>]);
