@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from server.geometry.boxes import Box3, union
 from server.geometry.cameras import Intrinsics
@@ -28,10 +29,14 @@ from server.planner.visibility import VisibilityTable, visibility_table
 from server.stages import Priority, SeedGeometry, Viewpoint
 
 Array = NDArray[np.float64]
+# Tables of pairs grow with the square of D, and digits beyond these change no choice.
+PairArray = NDArray[np.float32]
 Chosen = NDArray[np.intp]
 
 # A sample this far outside a part of priority still belongs to it.
 _ON_FACE_M = 1e-4
+# Two candidates that see less than this share of the area together see nothing.
+_NOTHING = 1e-9
 # Directions in which people look at a finished model: from level up to steeply down.
 _SPREAD_DIRECTIONS = 400
 _SPREAD_ELEVATION_MAX_RAD = np.pi / 3.0
@@ -52,8 +57,8 @@ class FitnessProblem:
         detail: ``(D, S)`` saturating detail in [0, 1].
         spread: ``(D, G)`` how well a candidate stands for each viewing direction, in [0, 1].
         agreement: ``(D,)`` Algorithm 1 of each candidate, scaled so that the best has 1.
-        overlap_pairs: ``(D, D)`` needless overlap of two candidates, in [0, 1].
-        angles_rad: ``(D, D)`` angles between candidates, seen from the object.
+        overlap_pairs: float32 ``(D, D)`` needless overlap of two candidates, in [0, 1].
+        angles_rad: float32 ``(D, D)`` angles between candidates, seen from the object.
         neighbours: ``(D, N)`` indices of each candidate's nearest others.
         taken: How many candidates, the last ones, are pictures already: part of every choice.
     """
@@ -68,8 +73,8 @@ class FitnessProblem:
     detail: Array
     spread: Array
     agreement: Array
-    overlap_pairs: Array
-    angles_rad: Array
+    overlap_pairs: PairArray
+    angles_rad: PairArray
     neighbours: NDArray[np.int64]
     taken: int = 0
 
@@ -257,7 +262,7 @@ def baseline(problem: FitnessProblem, chosen: Chosen, views: int) -> float:
     return float(pairs.max(axis=1).sum() / views)
 
 
-def baseline_worth(angles_rad: Array, config: FitnessConfig, views: int) -> Array:
+def baseline_worth(angles_rad: PairArray, config: FitnessConfig, views: int) -> Array:
     """Return b(angle): 1 from ``baseline_low_rad`` to the upper limit, 0 at 0 and 1.5 times that.
 
     The upper limit is ``baseline_high_rad``, or 2 pi / K where that is wider: K views all around
@@ -278,8 +283,10 @@ def overlap(problem: FitnessProblem, chosen: Chosen, views: int) -> float:
     return float(max(0.0, pairs.sum() - np.trace(pairs)) / (2.0 * views))
 
 
-def _angles(a: Array, b: Array) -> Array:
-    return np.arccos(np.clip(a @ b.T, -1.0, 1.0))
+def _angles(a: Array, b: Array) -> PairArray:
+    cosines = (a @ b.T).astype(np.float32)
+    np.clip(cosines, -1.0, 1.0, out=cosines)
+    return np.arccos(cosines, out=cosines)
 
 
 def _quality(table: VisibilityTable, free: slice, config: FitnessConfig) -> Array:
@@ -295,18 +302,28 @@ def _spread_gain(directions: Array, config: FitnessConfig) -> Array:
 
 
 def _overlap_pairs(
-    angles: Array, table: VisibilityTable, area_share: Array, config: FitnessConfig
-) -> Array:
-    seen = table.visible.astype(float)
-    both = (seen * area_share) @ seen.T
-    each = np.diag(both)
-    either = each[:, None] + each[None, :] - both
-    jaccard = np.divide(both, either, out=np.zeros_like(both), where=either > 1e-12)
-    return np.maximum(0.0, 1.0 - angles / config.overlap_rad) * jaccard
+    angles: PairArray, table: VisibilityTable, area_share: Array, config: FitnessConfig
+) -> PairArray:
+    seen = table.visible.astype(np.float32)
+    both = (seen * area_share.astype(np.float32)) @ seen.T
+    each = np.diag(both).copy()
+    # In place: of ten thousand candidates one such table takes 400 megabytes.
+    pairs = np.add.outer(each, each).astype(np.float32, copy=False)
+    pairs -= both
+    np.divide(both, pairs, out=pairs, where=pairs > _NOTHING)
+    nearness = angles * np.float32(-1.0 / config.overlap_rad)
+    nearness += np.float32(1.0)
+    np.maximum(nearness, 0.0, out=nearness)
+    pairs *= nearness
+    return pairs
 
 
 def _nearest(positions: Array, count: int) -> NDArray[np.int64]:
-    distances = np.linalg.norm(positions[:, None] - positions[None], axis=2)
-    np.fill_diagonal(distances, np.inf)
+    """Return the ``count`` nearest others of each candidate ``(D, N)``, nearest first."""
     count = max(1, min(count, len(positions) - 1))
-    return np.argsort(distances, axis=1, kind="stable")[:, :count].astype(np.int64)
+    _, found = KDTree(positions).query(positions, k=min(count + 1, len(positions)))
+    found = found.reshape(len(positions), -1)
+    own = found == np.arange(len(positions))[:, None]
+    # Where several stand at one place, a candidate need not be among the nearest of its own.
+    own[~own.any(axis=1), -1] = True
+    return found[~own].reshape(len(positions), -1).astype(np.int64)

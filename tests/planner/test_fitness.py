@@ -13,6 +13,7 @@ from server.planner.algorithm1 import Sight, algorithm1
 from server.planner.config import AnnealingConfig, FitnessConfig
 from server.planner.fitness import (
     FitnessProblem,
+    _nearest,
     baseline,
     build_problem,
     coverage,
@@ -200,3 +201,24 @@ def test_a_plan_looks_more_closely_at_a_marked_part(dog_problem: FitnessProblem)
     assert views_of_side(marked, 2) > 1.3 * views_of_side(dog_problem, 2)
     # With many more views a plan sees every part well, marked or not.
     assert views_of_side(marked, 8) > views_of_side(dog_problem, 8)
+
+
+def test_the_nearest_others_are_nearest_and_never_oneself() -> None:
+    rng = np.random.default_rng(4)
+    places = rng.normal(size=(60, 3))
+    places[7] = places[21] = places[33]  # Several may stand at one place and look elsewhere.
+    found = _nearest(places, 12)
+    assert found.shape == (60, 12)
+    away = np.linalg.norm(places[:, None] - places[None], axis=2)
+    np.fill_diagonal(away, np.inf)
+    told = np.take_along_axis(away, found, axis=1)
+    np.testing.assert_allclose(told, np.sort(away, axis=1)[:, :12])
+
+
+def test_two_candidates_have_one_neighbour_each() -> None:
+    np.testing.assert_array_equal(_nearest(np.eye(3)[:2], 12), [[1], [0]])
+
+
+def test_a_crowd_at_one_place_does_not_count_itself() -> None:
+    found = _nearest(np.zeros((20, 3)), 12)
+    assert (found != np.arange(20)[:, None]).all()
