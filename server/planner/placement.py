@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from server.planner.annealing import SearchArrays, anneal, gains, greedy, search_arrays
 from server.planner.bound import upper_bound
@@ -17,6 +19,8 @@ from server.stages import Placement, Viewpoint
 
 # A restart is a look elsewhere; most moves belong to the greedy start.
 _RESTART_SHARE = 0.2
+# So many views are looked at in all to find the best ring.
+_MOST_RING_VIEWS = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +108,7 @@ def choose(
     refuse_impossible(problem, k)
     count = len(problem.candidates)
     arrays = search_arrays(problem, k)
-    starts = _starts(arrays, k, config, rng)
+    starts = _starts(problem, arrays, k, config, rng)
     best = starts[0].copy()
     values = np.array([0.0, evaluate(problem, best.astype(np.intp), k)[0]])
     done = 0
@@ -142,12 +146,40 @@ def refuse_impossible(problem: FitnessProblem, k: int) -> None:
 
 
 def _starts(
-    arrays: SearchArrays, k: int, config: AnnealingConfig, rng: np.random.Generator
+    problem: FitnessProblem,
+    arrays: SearchArrays,
+    k: int,
+    config: AnnealingConfig,
+    rng: np.random.Generator,
 ) -> list[NDArray[np.int64]]:
-    """Return where each annealing starts: the first greedily, the others anywhere."""
+    """Return where each annealing starts: the first greedily, the others anywhere.
+
+    Where a ring among the candidates is better than the greedy choice, the first starts there: what
+    is good about a ring is good about all of it at once, which no choice one by one comes upon.
+    """
     first, free = greedy(arrays, k), len(arrays.quality) - arrays.taken
+    if arrays.taken == 0:
+        rings = [first.astype(np.intp), *_rings(problem, k)]
+        first = max(rings, key=lambda chosen: evaluate(problem, chosen, k)[0]).astype(np.int64)
     anywhere = [rng.choice(free, k - arrays.taken, replace=False) for _ in range(config.restarts)]
     return [first, *(np.concatenate([first[: arrays.taken], start]) for start in anywhere)]
+
+
+def _rings(problem: FitnessProblem, k: int) -> Iterator[NDArray[np.intp]]:
+    """Yield choices of K candidates that stand as evenly around the object as candidates allow."""
+    if k < 2:
+        return
+    positions = np.array([view.position_world for view in problem.candidates])
+    lower, upper = problem.samples.points.min(axis=0), problem.samples.points.max(axis=0)
+    offsets = positions - (lower + upper) / 2.0
+    angles = 2.0 * np.pi / k * np.arange(k)
+    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    step = -(-len(positions) * k // _MOST_RING_VIEWS)
+    wanted = np.einsum("kij,nj->nki", turns, offsets[::step])
+    _, found = KDTree(offsets).query(wanted)
+    for chosen in np.reshape(found, (-1, k)):
+        if len(set(chosen.tolist())) == k:
+            yield chosen.astype(np.intp)
 
 
 def _shares(config: AnnealingConfig, *, spare: bool) -> list[int]:

@@ -7,6 +7,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from server.bench.planner_plans import objective
+from server.geometry.boxes import Box3
 from server.planner.annealing import (
     baseline_sum,
     gains,
@@ -21,7 +23,9 @@ from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem, evaluate, problem_from_table
 from server.planner.placement import ChoiceRule, PlanProgress, choose, place
 from server.planner.policies import choose_farthest
+from server.planner.surfaces import sample_surface
 from server.planner.visibility import VisibilityTable
+from server.stages import Viewpoint
 
 QUICK = AnnealingConfig(swaps=4000, report_every=500)
 
@@ -193,3 +197,25 @@ def test_too_few_candidates_are_an_error(dog_problem: FitnessProblem) -> None:
 def test_all_candidates_chosen_leave_nothing_to_swap(dog_problem: FitnessProblem) -> None:
     chosen, _ = choose(part_of(dog_problem, np.arange(3)), 3, QUICK, np.random.default_rng(0))
     assert sorted(chosen.tolist()) == [0, 1, 2]
+
+
+def test_a_ring_that_no_choice_one_by_one_comes_upon_is_where_the_search_begins() -> None:
+    samples = sample_surface([Box3(np.array([-0.5, -0.5, 0.0]), np.array([0.5, 0.5, 1.0]))], 400)
+    azimuths = np.arctan2(samples.points[:, 1], samples.points[:, 0]) + np.pi / 4
+    quarter = (azimuths % (2.0 * np.pi)) // (np.pi / 2.0)
+    ring = [quarter == number for number in range(4)]
+    # It sees more than any of the ring, and makes two of them worth half.
+    half = np.arange(len(samples)) % 2 == 0
+    trap = (ring[0] & half) | (ring[1] & half) | (samples.points[:, 2] > 0.99)
+    visible = np.stack([*ring, trap])
+    places = [(2.0, 0.0), (0.0, 2.0), (-2.0, 0.0), (0.0, -2.0), (1.6, 1.6)]
+    problem = problem_from_table(
+        [Viewpoint(np.array([x, y, 0.5]), float(np.arctan2(-y, -x))) for x, y in places],
+        samples,
+        VisibilityTable(visible, visible * 1e4, visible.astype(float)),
+        objective("visibility"),
+    )
+    assert 4 in greedy(search_arrays(problem, 4), 4)
+    still = AnnealingConfig(swaps=0, restarts=0)
+    chosen, _ = choose(problem, 4, still, np.random.default_rng(0))
+    assert set(chosen) == {0, 1, 2, 3}
