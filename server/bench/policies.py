@@ -55,7 +55,7 @@ _SUPERSAMPLE = 2
 _TEST_VIEWS = 16
 # What one thread manages while four drones fly to their next places and back off for a picture.
 _LIVE_STEPS, _LIVE_PROGRESS = 200, 0.35
-_STEPS, _QUICK_STEPS = 1200, 300
+_STEPS, _QUICK_STEPS = 800, 300
 _SAMPLES = 3000
 
 
