@@ -47,7 +47,7 @@ _UNSEEN, _SEEN_ONCE = np.array([150.0, 30.0, 40.0]), np.array([70.0, 110.0, 150.
 _SEEN_OFTEN = np.array([190.0, 240.0, 170.0])
 _SEEN_WELL = 3.0
 # Patches stay apart, so that what is behind them can be made out.
-_PATCH_SHARE = 0.5
+_PATCH_SHARE = 0.7
 
 
 @dataclass(slots=True)

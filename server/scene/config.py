@@ -38,7 +38,7 @@ class SceneConfig:
     trail_step_m: float = 0.03
     drone_frustum_m: float = 0.25
     small_frustum_m: float = 0.12
-    candidate_m: float = 0.04
+    candidate_m: float = 0.022
     preview_frustum_m: float = 0.4
     planned_intrinsics: Intrinsics = TELLO_INTRINSICS
     planned_tilt_rad: float = TELLO_TILT_RAD
