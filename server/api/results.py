@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -76,11 +77,20 @@ class AnnealingStep(BaseModel):
     fitness: float | None
 
 
+class CoverageView(BaseModel):
+    """Shares of the object's surface that at least one and at least three pictures show."""
+
+    once: float
+    thrice: float
+
+
 class PlanView(BaseModel):
     """A placement and who flies where; ``bound`` is the most any choice could reach.
 
     ``annealing`` is how it was found, empty for the ring. ``ring`` is the standard ring around the
     same object, to compare with; empty where it is what was chosen, or where it does not fit.
+    ``expected`` is what all pictures will show when those planned are taken, ``ring_expected`` what
+    the ring would show.
     """
 
     capture_id: str | None
@@ -92,6 +102,8 @@ class PlanView(BaseModel):
     viewpoints: list[PlannedViewpoint]
     annealing: list[AnnealingStep]
     ring: list[PlannedViewpoint]
+    expected: CoverageView
+    ring_expected: CoverageView | None
 
 
 class PlanViewChoice(BaseModel):
@@ -252,6 +264,10 @@ def _plan_view(plan: KnownPlan, annealing: list[PlanProgressed]) -> PlanView:
                 ],
                 "viewpoints": _viewpoints(plan.found.assignment),
                 "ring": [] if plan.found.ring is None else _viewpoints(plan.found.ring),
+                "expected": asdict(plan.found.expected),
+                "ring_expected": None
+                if plan.found.ring_expected is None
+                else asdict(plan.found.ring_expected),
             }
         )
     )

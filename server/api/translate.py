@@ -173,7 +173,9 @@ def _planning(event: SeedFitted | SurfaceSeen | PlanProgressed | PlanFound) -> B
             )
         case SurfaceSeen():
             return messages.CoverageReport(
-                at=_iso(event.at), share_once=event.share_once, share_thrice=event.share_thrice
+                at=_iso(event.at),
+                share_once=event.coverage.once,
+                share_thrice=event.coverage.thrice,
             )
         case PlanProgressed():
             return messages.PlanProgress(

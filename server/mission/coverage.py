@@ -11,34 +11,33 @@ from collections.abc import Sequence
 import numpy as np
 
 from server.geometry.cameras import Intrinsics
-from server.mission.events import SurfaceSeen
+from server.mission.events import Coverage, SurfaceSeen
 from server.planner.config import FitnessConfig
 from server.planner.surfaces import sample_surface
 from server.planner.visibility import visibility_table
-from server.stages import CameraPose, SeedGeometry, Viewpoint
+from server.stages import SeedGeometry, Viewpoint
 
 _DOWN = -0.5
 
 
 def surface_seen(
     seed: SeedGeometry,
-    taken: Sequence[CameraPose],
+    views: Sequence[Viewpoint],
     intrinsics: Intrinsics,
     tilt_rad: float,
     config: FitnessConfig,
 ) -> SurfaceSeen:
-    """Return in how many of the pictures ``taken`` each patch of the surface is seen.
+    """Return in how many of the pictures from ``views`` each patch of the surface is seen.
 
     Args:
         seed: The object's crude geometry.
-        taken: Believed poses of the pictures, at least one.
+        views: Where the pictures were taken or will be, at least one.
         intrinsics: The cameras'.
         tilt_rad: How far they look down.
         config: How many patches, and how obliquely is too obliquely.
     """
     boxes = seed.boxes or (seed.outer,)
     samples = sample_surface(boxes, config.samples)
-    views = [Viewpoint(pose.position_world, pose.yaw_rad) for pose in taken]
     table = visibility_table(views, samples, boxes, intrinsics, tilt_rad, config)
     shown = samples.normals[:, 2] > _DOWN
     counts, areas = table.visible.sum(axis=0)[shown], samples.areas_m2[shown]
@@ -46,6 +45,8 @@ def surface_seen(
         points=samples.points[shown],
         pictures=counts,
         patch_m=float(np.sqrt(np.median(areas))),
-        share_once=float(areas[counts >= 1].sum() / areas.sum()),
-        share_thrice=float(areas[counts >= 3].sum() / areas.sum()),
+        coverage=Coverage(
+            once=float(areas[counts >= 1].sum() / areas.sum()),
+            thrice=float(areas[counts >= 3].sum() / areas.sum()),
+        ),
     )

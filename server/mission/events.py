@@ -164,6 +164,19 @@ class SeedFitted:
     at: datetime = field(default_factory=_now)
 
 
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Shares of the area of the object's surface, 0 to 1.
+
+    Attributes:
+        once: That at least one picture shows.
+        thrice: That at least three show.
+    """
+
+    once: float
+    thrice: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSeen:
     """How much of the object's surface the pictures taken so far show.
@@ -172,15 +185,13 @@ class SurfaceSeen:
         points: Centres of its patches ``(s, 3)``, world metres.
         pictures: In how many pictures each is seen ``(s,)``.
         patch_m: Width of a patch.
-        share_once: Share of the area that at least one picture shows.
-        share_thrice: Share that at least three show.
+        coverage: What that comes to.
     """
 
     points: NDArray[np.float64]
     pictures: NDArray[np.int64]
     patch_m: float
-    share_once: float
-    share_thrice: float
+    coverage: Coverage
     at: datetime = field(default_factory=_now)
 
 
@@ -204,12 +215,16 @@ class PlanFound:
         assignment: Who flies where.
         ring: The standard ring around the same object, to compare with; None where it is what was
             chosen, or where it does not fit.
+        expected: What the pictures taken before and those planned will show.
+        ring_expected: What the ring would, None without one to compare with.
     """
 
     placement: Placement
     assignment: Assignment
+    expected: Coverage
     at: datetime = field(default_factory=_now)
     ring: Assignment | None = None
+    ring_expected: Coverage | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

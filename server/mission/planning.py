@@ -18,12 +18,20 @@ from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import JobSpec
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.events import EventStream, NoGoVolume, Noted, PlanFound, PlanProgressed
+from server.mission.coverage import surface_seen
+from server.mission.events import (
+    Coverage,
+    EventStream,
+    NoGoVolume,
+    Noted,
+    PlanFound,
+    PlanProgressed,
+)
 from server.mission.no_go import NoGo
 from server.mission.priorities import Priorities
 from server.planner.errors import PlanError
 from server.planner.ring import Rounds, ring_assignment, standard_ring
-from server.stages import Assignment, CameraPose, Placement, SeedGeometry
+from server.stages import Assignment, CameraPose, Placement, SeedGeometry, Viewpoint
 from server.swarm.config import DroneConfig
 
 
@@ -65,7 +73,7 @@ class Planning:
             PlanError: If not even the ring fits between standoff and fence.
         """
         if self._request.mode == "standard":
-            return self._ring(seed, poses, camera, views)
+            return await self._ring(seed, poses, camera, views)
         try:
             async with asyncio.timeout(self._config.mission.plan_timeout_s):
                 result = await self._ask_worker(seed, poses, camera, views)
@@ -75,11 +83,9 @@ class Planning:
                 Noted("warning", f"No plan ({reason}): the circular step is flown instead.")
             )
             await self.cancel()
-            return self._ring(seed, poses, camera, views)
-        assignment = result.assignment()
+            return await self._ring(seed, poses, camera, views)
         ring = self._ring_to_compare(seed, poses, camera, views)
-        self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
-        return assignment
+        return await self._tell(seed, camera, result.placement(), result.assignment(), ring)
 
     @property
     def outdated(self) -> bool:
@@ -115,10 +121,9 @@ class Planning:
             self._events.publish(Noted("warning", f"No new plan ({reason}): the old one is flown."))
             await self.cancel()
             return None
-        assignment = result.assignment()
         ring = self._ring_to_compare(seed, poses, camera, views)
-        self._events.publish(PlanFound(result.placement(), assignment, ring=ring))
-        return assignment
+        placement, assignment = result.placement(), result.assignment()
+        return await self._tell(seed, camera, placement, assignment, ring, taken)
 
     async def cancel(self) -> None:
         """End the worker if it runs."""
@@ -179,7 +184,7 @@ class Planning:
         except PlanError:
             return None
 
-    def _ring(
+    async def _ring(
         self,
         seed: SeedGeometry,
         poses: Mapping[str, CameraPose],
@@ -190,7 +195,40 @@ class Planning:
         viewpoints = self._ring_views(seed, poses, camera, views)
         assignment = ring_assignment(list(poses), viewpoints)
         chosen = tuple(view for entry in viewpoints for view in entry)
-        self._events.publish(PlanFound(Placement(chosen, 0.0, {}, len(chosen)), assignment))
+        return await self._tell(seed, camera, Placement(chosen, 0.0, {}, len(chosen)), assignment)
+
+    async def _tell(
+        self,
+        seed: SeedGeometry,
+        camera: DroneConfig,
+        placement: Placement,
+        assignment: Assignment,
+        ring: Assignment | None = None,
+        taken: Sequence[CameraPose] = (),
+    ) -> Assignment:
+        """Publish a plan with what its pictures are expected to show; returns the assignment."""
+
+        async def expected(of: Assignment) -> Coverage:
+            views = [Viewpoint(pose.position_world, pose.yaw_rad) for pose in taken]
+            views += [view for row in of.rounds for view in row.values()]
+            seen = await asyncio.to_thread(
+                surface_seen,
+                seed,
+                views,
+                camera.intrinsics,
+                float(np.deg2rad(camera.tilt_deg)),
+                self._config.planner.fitness,
+            )
+            return seen.coverage
+
+        found = PlanFound(
+            placement,
+            assignment,
+            await expected(assignment),
+            ring=ring,
+            ring_expected=None if ring is None else await expected(ring),
+        )
+        self._events.publish(found)
         return assignment
 
     def _ring_views(

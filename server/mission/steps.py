@@ -316,7 +316,7 @@ class Steps:
         seen = await asyncio.to_thread(
             surface_seen,
             seed,
-            poses,
+            [Viewpoint(pose.position_world, pose.yaw_rad) for pose in poses],
             camera.intrinsics,
             float(np.deg2rad(camera.tilt_deg)),
             self._tools.config.planner.fitness,

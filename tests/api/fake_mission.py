@@ -33,6 +33,7 @@ from server.mission.config import MissionConfig
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
+    Coverage,
     DroneReported,
     Event,
     EventStream,
@@ -213,7 +214,7 @@ def seed_fitted() -> SeedFitted:
 
 def surface_seen() -> SurfaceSeen:
     points = np.array([[0.5, 0.0, 0.4], [-0.5, 0.0, 0.4], [0.0, 0.4, 1.2], [0.0, 0.0, 1.6]])
-    return SurfaceSeen(points, np.array([0, 1, 3, 7]), 0.1, share_once=0.75, share_thrice=0.5)
+    return SurfaceSeen(points, np.array([0, 1, 3, 7]), 0.1, Coverage(0.75, 0.5))
 
 
 def plan_found(rounds: int = 2) -> PlanFound:
@@ -227,7 +228,7 @@ def plan_found(rounds: int = 2) -> PlanFound:
     placement = Placement(
         tuple(viewpoints), 0.8, {"coverage": 0.9, "overlap": float("nan")}, 500, bound=0.85
     )
-    return PlanFound(placement, Assignment(assigned))
+    return PlanFound(placement, Assignment(assigned), Coverage(0.96, 0.81))
 
 
 @dataclass

@@ -24,6 +24,7 @@ from server.geometry.poses import camera_pose, look_at
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
+    Coverage,
     DroneReported,
     Event,
     EventStream,
@@ -61,6 +62,9 @@ VISER = Subprotocol(f"viser-v{version('viser')}")
 BLUE, ORANGE = (0x1F, 0x77, 0xB4), (0xFF, 0x7F, 0x0E)
 
 
+WHOLE = Coverage(1.0, 1.0)
+
+
 def jpeg(width: int, height: int) -> bytes:
     return cv2.imencode(".jpg", np.full((height, width, 3), 99, np.uint8))[1].tobytes()
 
@@ -96,7 +100,7 @@ def viewpoint(azimuth_rad: float) -> Viewpoint:
 def plan(*azimuths_rad: float) -> PlanFound:
     rounds = tuple({"d1": viewpoint(azimuth)} for azimuth in azimuths_rad)
     viewpoints = tuple(r["d1"] for r in rounds)
-    return PlanFound(Placement(viewpoints, 0.5, {}, 100), Assignment(rounds))
+    return PlanFound(Placement(viewpoints, 0.5, {}, 100), Assignment(rounds), WHOLE)
 
 
 def taken(index: int, azimuth_rad: float) -> CaptureTaken:
@@ -238,7 +242,7 @@ def test_sure_slices_are_brighter_than_unsure_ones(drawn: Drawn) -> None:
 
 def test_the_surface_is_painted_by_the_pictures_that_show_it(drawn: Drawn) -> None:
     points = np.array([[0.1, 0.0, 0.2], [0.2, 0.0, 0.2], [0.3, 0.0, 0.2], [0.4, 0.0, 0.2]])
-    drawn.draw(SurfaceSeen(points, np.array([0, 1, 3, 9]), 0.05, 0.75, 0.5))
+    drawn.draw(SurfaceSeen(points, np.array([0, 1, 3, 9]), 0.05, Coverage(0.75, 0.5)))
     cloud = drawn.node("/seed/seen")
     assert isinstance(cloud, viser.PointCloudHandle)
     assert cloud.visible
@@ -294,7 +298,7 @@ def test_candidates_left_over_are_brighter_the_more_they_would_add(drawn: Drawn)
     spare = tuple(Viewpoint(np.array([1.0 * n, 0.0, 1.0]), 0.0) for n in range(3))
     gains = np.array([0.0, 0.01, 0.02])
     placement = Placement((), 0.5, {}, 100, spare=spare, spare_gains=gains)
-    drawn.draw(PlanFound(placement, Assignment(())))
+    drawn.draw(PlanFound(placement, Assignment(()), WHOLE))
     points = drawn.node("/plan/candidates")
     assert isinstance(points, viser.PointCloudHandle)
     brightness = points.colors.astype(float).sum(axis=1)

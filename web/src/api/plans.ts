@@ -16,6 +16,12 @@ export interface AnnealingStep {
   readonly fitness: number | null;
 }
 
+/** Shares of the object's surface that at least one and at least three pictures show. */
+export interface Coverage {
+  readonly once: number;
+  readonly thrice: number;
+}
+
 /** The newest plan. */
 export interface Plan {
   readonly capture_id: string | null;
@@ -29,6 +35,9 @@ export interface Plan {
   readonly annealing: readonly AnnealingStep[];
   /** The standard ring around the same object; empty where it is what was chosen. */
   readonly ring: readonly PlannedViewpoint[];
+  /** What all pictures will show when those planned are taken; what the ring would. */
+  readonly expected: Coverage;
+  readonly ring_expected: Coverage | null;
 }
 
 export type ShownPlan = PlanViewMessage["shown"];

@@ -7,7 +7,10 @@ import { drainPerS } from "../state/history";
 import { isActive } from "../state/state";
 import { words } from "../text/words";
 import { MoreViews } from "./MoreViews";
-import { flightLeftS, nearestM, routes } from "./route";
+import { flightLeftS, nearestM, routes, usualFlightS } from "./route";
+
+/** A Tello flies for 13 minutes on a full battery. */
+const USUAL_DRAIN_PCT_S = 100 / (13 * 60);
 
 /** What was chosen, how good it is, and what it costs in time and battery. */
 export function PlanPanel({ plan, error }: { readonly plan: Plan | null; readonly error: string | null }) {
@@ -22,6 +25,7 @@ export function PlanPanel({ plan, error }: { readonly plan: Plan | null; readonl
 
 function Facts({ plan }: { readonly plan: Plan }) {
   const text = words.plan;
+  const coverage = useConsole((state) => state.findings.coverage);
   const apart = nearestM(plan.viewpoints);
   // The ring is taken as it is: nothing was weighed.
   const weighed = Object.keys(plan.terms).length > 0;
@@ -37,6 +41,14 @@ function Facts({ plan }: { readonly plan: Plan }) {
   if (plan.bound !== null && plan.fitness !== null && plan.bound > 0) {
     const gap = Math.max(0, (100 * (plan.bound - plan.fitness)) / plan.bound);
     rows.push([text.bound, words.mission.findings.bound(gap.toFixed(1))]);
+  }
+  rows.push([text.expected, text.shares(percent(plan.expected.once), percent(plan.expected.thrice))]);
+  if (plan.ring_expected !== null) {
+    const { once, thrice } = plan.ring_expected;
+    rows.push([text.ringExpected, text.shares(percent(once), percent(thrice))]);
+  }
+  if (coverage !== null) {
+    rows.push([text.seen, text.shares(percent(coverage.share_once), percent(coverage.share_thrice))]);
   }
   if (apart !== null) rows.push([text.apart, `${apart.toFixed(2)} m`]);
   return (
@@ -54,6 +66,10 @@ function Facts({ plan }: { readonly plan: Plan }) {
       <MoreViews />
     </>
   );
+}
+
+function percent(share: number): number {
+  return Math.round(100 * share);
 }
 
 /** The fitness's terms before weighting; all but the overlap are better when larger. */
@@ -85,7 +101,9 @@ function Costs({ plan }: { readonly plan: Plan }) {
   const since = useConsole((state) => state.stepEntered.rounds);
   const taken = capture !== null && capture.images >= capture.images_total;
   const flying = capture !== null && isActive(capture) && !taken;
-  const leftS = flying ? flightLeftS(capture, since) : null;
+  const paceS = flying ? flightLeftS(capture, since) : null;
+  // Before the flight has a pace of its own, what such ways usually take.
+  const leftS = paceS ?? (flying ? usualFlightS(plan.viewpoints, capture.round_index) : null);
   return (
     <>
       <table className="table costs">
@@ -100,16 +118,16 @@ function Costs({ plan }: { readonly plan: Plan }) {
         <tbody>
           {routes(plan.viewpoints).map((route) => {
             const report = drones.get(route.droneId)?.report;
-            const drain = drainPerS(history, route.droneId);
+            const drain = drainPerS(history, route.droneId) ?? USUAL_DRAIN_PCT_S;
             const charge = report?.battery_pct ?? null;
             const then =
-              leftS === null || drain === null || charge === null ? null : charge - drain * leftS;
+              leftS === null || charge === null ? null : charge - drain * leftS;
             return (
               <tr key={route.droneId} style={{ "--drone": report?.colour ?? "var(--line)" } as React.CSSProperties}>
                 <th scope="row" className="line-drone">
                   {report?.name ?? route.droneId}
                 </th>
-                <td>{route.views}</td>
+                <td>{route.ordered.length}</td>
                 <td>{route.lengthM.toFixed(1)} m</td>
                 {flying && (
                   <td className={then !== null && then < 20 ? "is-late" : ""}>
@@ -122,7 +140,7 @@ function Costs({ plan }: { readonly plan: Plan }) {
         </tbody>
       </table>
       {taken && <p className="hint">{text.allTaken}</p>}
-      {flying && <p className="hint">{leftS === null ? text.paceUnknown : text.pace(clock(leftS))}</p>}
+      {leftS !== null && <p className="hint">{(paceS === null ? text.usual : text.pace)(clock(leftS))}</p>}
     </>
   );
 }

@@ -9,6 +9,7 @@ import { FloorSketch, type Spot } from "../floor/FloorSketch";
 import { markedArea } from "../room/marked";
 import { NoGoList } from "../room/NoGoList";
 import { words } from "../text/words";
+import { routes } from "./route";
 
 /**
  * The room from above: the plan, and the volumes that no drone may enter.
@@ -64,12 +65,19 @@ export function TopView({ plan }: { readonly plan: Plan | null }) {
           to: [at(seed.centre, 0) + at(seed.size, 0) / 2, at(seed.centre, 1) + at(seed.size, 1) / 2],
         } as const);
   const areas = volumes.map((volume) => ({ ...markedArea(volume), chosen: volume.id === chosen }));
+  const ways = (of: Plan) =>
+    routes(of.viewpoints).map(({ droneId, ordered }) => ({
+      key: droneId,
+      colour: drones.get(droneId)?.report.colour ?? "var(--muted)",
+      points: ordered.map((view) => [at(view.position_world, 0), at(view.position_world, 1)] as const),
+    }));
   return (
     <Panel title={words.plan.above} className="above">
       <FloorSketch
         reachM={1.12 * (wholeRoom ? fenceM : farM)}
         circlesM={wholeRoom ? [near, fence] : [near]}
         spots={spots}
+        trails={plan !== null && (!comparable || shown !== "ring") ? ways(plan) : []}
         areas={areas}
         object={object}
         label={words.plan.aboveShows(views.length, volumes.length)}

@@ -4,8 +4,9 @@ import type { CaptureReport } from "../protocol/messages.gen";
 /** What a drone has to do for its part of the plan. */
 export interface Route {
   readonly droneId: string;
-  readonly views: number;
-  /** From its first viewpoint to its last one in straight lines, metres. */
+  /** Its viewpoints in the order of flying. */
+  readonly ordered: readonly PlannedViewpoint[];
+  /** From the first to the last one in straight lines, metres. */
   readonly lengthM: number;
 }
 
@@ -26,7 +27,7 @@ export function routes(viewpoints: readonly PlannedViewpoint[]): readonly Route[
       const before = ordered[index - 1];
       return before === undefined ? sum : sum + distance(before, view);
     }, 0);
-    return { droneId, views: views.length, lengthM };
+    return { droneId, ordered, lengthM };
   });
 }
 
@@ -52,6 +53,25 @@ export function rounds(
     index,
     views: viewpoints.filter((view) => view.round_index === index),
   }));
+}
+
+/** What a simulated fleet needs for a round beside its ways, seconds, and its pace on them. */
+const USUAL_ROUND_S = 8;
+const USUAL_M_S = 0.15;
+
+/** Seconds that the rounds not yet begun usually take: each as long as its longest way. */
+export function usualFlightS(viewpoints: readonly PlannedViewpoint[], roundsBegun: number): number {
+  const ways = new Map<number, number>();
+  for (const { ordered } of routes(viewpoints)) {
+    ordered.forEach((view, index) => {
+      const before = ordered[index - 1];
+      const way = before === undefined ? 0 : distance(before, view);
+      ways.set(view.round_index, Math.max(way, ways.get(view.round_index) ?? 0));
+    });
+  }
+  return [...ways]
+    .filter(([round]) => round >= roundsBegun)
+    .reduce((sum, [, metres]) => sum + USUAL_ROUND_S + metres / USUAL_M_S, 0);
 }
 
 /** Fewest pictures after which their pace says how long the others will take. */
