@@ -31,7 +31,7 @@ def fly_drawn_capture(
     drones: int = 4,
     config: FlightConfig | None = None,
 ) -> FlownCapture:
-    """Fly a capture, as ``poses_flight.fly_capture``, with drawn video; about four minutes."""
+    """Fly a capture, as ``poses_flight.fly_capture``, with drawn video: in minutes, not seconds."""
     videos: list[_DrawnVideo] = []
 
     def make_video(sim: SimConfig) -> _DrawnVideo:

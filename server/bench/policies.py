@@ -53,7 +53,7 @@ _ROUNDS = 5
 _CAMERA = TELLO_INTRINSICS.scaled(0.5)
 _SUPERSAMPLE = 2
 _TEST_VIEWS = 16
-# What one thread manages while four drones fly to their next places and back off for a picture.
+# About what one of two cores manages while four drones fly a round.
 _LIVE_STEPS, _LIVE_PROGRESS = 200, 0.35
 _STEPS, _QUICK_STEPS = 800, 300
 _SAMPLES = 3000

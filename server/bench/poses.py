@@ -4,13 +4,13 @@ Every flight is a whole capture in virtual time, flown by the mission that flies
 eyes look at the default room drawn picture by picture (``drawn_video``); three of each scene of
 ours, one of each other mesh. Its kept pictures are then drawn again at twice the size at the true
 poses, taken by each drone's own imperfect camera, and sent through its video coding
-(``poses_pictures``). The keys with
-``flight`` judge what the mission believed, those without what ``server.nerf.poses`` makes of the
-pictures. Errors are those of the stills after the similarity that fits best (BARF's protocol);
-``scale_error`` is what the refined scale is wrong by. The three PSNR come from fields trained for
-the same number of steps on the same pictures (``poses_fields``); those with true poses also know
-the true lenses. They and ``from_noise``, which take the longest, are of the first flight of each
-scene of ours.
+(``poses_pictures``). The keys with ``flight`` judge what the mission believed, those without what
+``server.nerf.poses`` makes of the pictures. Errors are those of the stills after the similarity
+that fits best (BARF's protocol); ``scale_error`` is what the refined scale is wrong by.
+
+The three PSNR come from fields trained for the same number of steps on the same pictures
+(``poses_fields``); those with true poses also know the true lenses. They and ``from_noise``, which
+take the longest, are of the first flight of each scene of ours.
 
 ``from_noise_*`` is the refinement of the same pictures when every camera, each on its own, is
 believed 8 degrees and 15 cm wrong. ``peer_*`` is plain pycolmap on the stills alone.
@@ -262,9 +262,10 @@ def _summary(samples: list[dict[str, Any]]) -> dict[str, Any]:
         figures |= percentiles(name, values, digits, *shares)
     for name in ("stills", "refined", "peer_registered"):
         figures[name] = sum(sample[name] for sample in samples)
-    for name, value in samples[0].items():
-        if name not in figures and isinstance(value, float):
-            values = [sample[name] for sample in samples if name in sample]
+    # Not every flight has every figure.
+    for name in dict.fromkeys(name for sample in samples for name in sample):
+        values = [sample[name] for sample in samples if name in sample]
+        if name not in figures and all(isinstance(value, float) for value in values):
             figures[name] = round(float(np.mean(values)), 5)
     figures["sigma_ratio_worst"] = max(
         max(sample["sigma_ratio_translation"], sample["sigma_ratio_rotation"]) for sample in samples

@@ -249,6 +249,7 @@ class Mission:
                 self._land_whoever_flies()
                 self._tools.pilot.release(list(self._state.drones))
             self._steps.seeding.stop()
+            self._steps.coverage.stop()
             await self._planning.cancel()
             await self._reconstruction.cancel()
             self._tools.pilot.paused = False

@@ -58,6 +58,7 @@ class Planning:
         self._no_go = no_go
         self._known = known
         self._planned_around: tuple[NoGoVolume, ...] = ()
+        self._planned_by: KnownPlaces | None = None
         self._job: Job | None = None
 
     async def rounds(
@@ -95,10 +96,13 @@ class Planning:
 
     @property
     def each_round(self) -> bool:
-        """True when every round has a plan of its own: by the settings, or the policy uncertain."""
-        # What a field does not know is learned from round to round.
-        uncertain = self._config.planner.policy == "uncertain"
-        replans = self._config.mission.replan_every_round or uncertain
+        """True when the next round shall have a plan of its own.
+
+        By the settings; or the policy is uncertain and the field knows something new.
+        """
+        known = self._known() if self._config.planner.policy == "uncertain" else None
+        news = known is not None and known is not self._planned_by
+        replans = self._config.mission.replan_every_round or news
         return self._request.mode == "optimized" and replans
 
     async def rounds_anew(
@@ -139,6 +143,7 @@ class Planning:
         taken: Sequence[CameraPose] = (),
     ) -> PlanResult:
         self._planned_around = self._no_go.volumes
+        self._planned_by = self._known()
         wanted = PlanInput(
             outer=(seed.outer.lower.tolist(), seed.outer.upper.tolist()),
             boxes=[(box.lower.tolist(), box.upper.tolist()) for box in seed.boxes],
@@ -147,7 +152,7 @@ class Planning:
             tilt_rad=float(np.deg2rad(camera.tilt_deg)),
             drones={d: _place(pose) for d, pose in poses.items()},
             taken=[_place(pose) for pose in taken],
-            known=self._known(),
+            known=self._planned_by,
             rounds=_rounds(views, poses),
             pictures=views,
             config=asdict(self._no_go.within(self._config.planner)),

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from server.geometry.cameras import Intrinsics
 from server.jobs.plan import KnownPlaces
@@ -35,6 +37,8 @@ from server.nerf.orbit_view import OrbitView
 from server.stages import Metrics
 from server.store.atomic import write_atomic
 from server.store.runs import RunFolder
+
+logger = logging.getLogger(__name__)
 
 # What refinement, evaluation, delivery, mesh and film take on two cores beside the training itself.
 _BESIDE_TRAINING_S = 105.0
@@ -177,6 +181,8 @@ class Reconstruction:
 
     def _warn_of_failure(self, task: asyncio.Task[dict[str, Any]]) -> None:
         error = None if task.cancelled() else task.exception()
+        if error is not None:
+            self.known = None  # It learns nothing more.
         if isinstance(error, JobFailedError) and not self.cancelled:
             self._events.publish(
                 Noted("error", f"The reconstruction failed ({error}); all pictures are kept.")
@@ -194,13 +200,19 @@ class Reconstruction:
                 case "refined":
                     self._publish_poses(event)
                 case "known":
-                    self.known = KnownPlaces.model_validate(event)
+                    self._take_known(event)
                 case "metrics":
                     self._events.publish(MetricsMeasured(Metrics(**event["metrics"])))
                 case "done":
                     event.pop("at_s")
                     result = event
         return result
+
+    def _take_known(self, event: dict[str, Any]) -> None:
+        try:
+            self.known = KnownPlaces.model_validate(event)
+        except ValidationError:
+            logger.exception("what the field knows cannot be read")
 
     def _publish_preview(self, event: dict[str, Any]) -> None:
         if "view" not in event:

@@ -19,7 +19,7 @@ from server.mission.capture import Photographer
 from server.mission.checklist import Check, check_drone, overridden, problems
 from server.mission.commands import CaptureRequest
 from server.mission.config import FlightConfig
-from server.mission.coverage import surface_seen
+from server.mission.coverage import CoverageNews
 from server.mission.events import EventStream, Level, Noted
 from server.mission.eyes import Eye
 from server.mission.landing import Down, Landing, landing_places
@@ -94,6 +94,7 @@ class Steps:
 
     Attributes:
         seeding: Makes the seed geometry.
+        coverage: Tells how much of it the pictures show.
     """
 
     def __init__(self, request: CaptureRequest, state: MissionState, tools: StepTools) -> None:
@@ -120,6 +121,7 @@ class Steps:
             tools.config.vision.seed,
             tools.config.mission,
         )
+        self.coverage = CoverageNews(tools.events, tools.config.planner.fitness)
 
     def work(self, phase: Phase) -> Coroutine[Any, Any, None]:
         """Return the work of ``phase``, to be awaited."""
@@ -297,7 +299,7 @@ class Steps:
         training = self._request.train_seconds > 0
         if training and photographer.taken >= min(4, self._state.pictures):
             await self._begin_training()
-        await self._tell_coverage()
+        self._tell_coverage()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
         self.seeding.refine(taken)
         state.captured |= {id(self._viewpoints()[d]) for d in taken if d in self._viewpoints()}
@@ -307,21 +309,14 @@ class Steps:
         else:
             state.progress = state.progress.with_rounds(state.progress.round_index + 1)
 
-    async def _tell_coverage(self) -> None:
+    def _tell_coverage(self) -> None:
         """Tell how much of the object the pictures so far show, by its geometry as it is known."""
-        seed, poses = self._state.seed, list(self._tools.photographer.poses)
+        seed, poses = self._state.seed, self._tools.photographer.poses
         if seed is None or not poses:
             return
         camera = self._tools.fleet.drones[self._state.drones[0]].config
-        seen = await asyncio.to_thread(
-            surface_seen,
-            seed,
-            [Viewpoint(pose.position_world, pose.yaw_rad) for pose in poses],
-            camera.intrinsics,
-            float(np.deg2rad(camera.tilt_deg)),
-            self._tools.config.planner.fitness,
-        )
-        self._tools.events.publish(seen)
+        views = [Viewpoint(pose.position_world, pose.yaw_rad) for pose in poses]
+        self.coverage.tell(seed, views, camera.intrinsics, float(np.deg2rad(camera.tilt_deg)))
 
     async def _begin_training(self) -> None:
         """Train beside the flight; one that cannot begin is tried again, and the flight goes on."""

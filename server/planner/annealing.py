@@ -54,7 +54,9 @@ def search_arrays(problem: FitnessProblem, views: int) -> SearchArrays:
     """Multiply the weights in; the sum over all parts is then the fitness itself."""
     config, scale = problem.config, 1.0 / total_weight(problem.config)
     directions = problem.spread.shape[1]
-    baseline = baseline_worth(problem.angles_rad, config, views).astype(np.float32)
+    baseline = np.empty_like(problem.angles_rad)
+    for rows, angles in zip(baseline, problem.angles_rad, strict=True):
+        rows[:] = baseline_worth(angles, config, views)
     np.fill_diagonal(baseline, 0.0)
     return SearchArrays(
         quality=problem.quality.astype(np.float32),
@@ -74,7 +76,7 @@ def search_arrays(problem: FitnessProblem, views: int) -> SearchArrays:
             ]
         ),
         single=scale * config.weight_agreement / views * problem.agreement,
-        overlap=(scale * config.weight_overlap / views * problem.overlap_pairs).astype(np.float32),
+        overlap=np.float32(scale * config.weight_overlap / views) * problem.overlap_pairs,
         baseline=baseline,
         baseline_weight=scale * config.weight_baseline / views,
         neighbours=problem.neighbours,

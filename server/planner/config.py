@@ -196,11 +196,11 @@ class AnnealingConfig:
 
     Attributes:
         swaps: Proposed moves in all.
-        restarts: Annealings from anywhere after the one from the greedy start, at most 4; each has
+        restarts: Annealings from anywhere after the one from the first start, at most 4; each has
             a fifth of the moves.
         restart_heat: How many times hotter those begin.
-        start_temperature: First temperature, as a share of the greedy start's fitness.
-        end_factor: Last temperature as a factor of the first, of the annealing from the greedy
+        start_temperature: First temperature, as a share of the first start's fitness.
+        end_factor: Last temperature as a factor of the first, of the annealing from the first
             start; the others end as cool.
         adjust_share: Share of moves that go to a neighbouring candidate rather than to any.
         neighbours: How many nearest candidates count as neighbouring.
@@ -366,6 +366,7 @@ class PlannerConfig:
         tracking: Fine-tuning on the box.
         avoidance: Keeping apart.
         policy: Which rule chooses: annealed, farthest or uncertain (``server.planner.policies``).
+            In a capture that trains no field, uncertain chooses as annealed.
         uncertainty_gain: How many times more than a sure patch a wholly unknown one counts, added
             to one; for the policy uncertain.
     """

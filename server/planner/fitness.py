@@ -29,7 +29,7 @@ from server.planner.visibility import VisibilityTable, visibility_table
 from server.stages import Priority, SeedGeometry, Viewpoint
 
 Array = NDArray[np.float64]
-# Tables of pairs grow with the square of D, and digits beyond these change no choice.
+# Tables of pairs grow with the square of D.
 PairArray = NDArray[np.float32]
 Chosen = NDArray[np.intp]
 
@@ -152,7 +152,7 @@ def problem_from_table(
     positions = np.array([v.position_world for v in candidates])
     directions = positions - union((Box3(lower, upper),)).centre
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    angles = _angles(directions, directions)
+    angles = _angles(directions, directions).astype(np.float32)
     return FitnessProblem(
         candidates=tuple(candidates),
         samples=samples,
@@ -283,10 +283,8 @@ def overlap(problem: FitnessProblem, chosen: Chosen, views: int) -> float:
     return float(max(0.0, pairs.sum() - np.trace(pairs)) / (2.0 * views))
 
 
-def _angles(a: Array, b: Array) -> PairArray:
-    cosines = (a @ b.T).astype(np.float32)
-    np.clip(cosines, -1.0, 1.0, out=cosines)
-    return np.arccos(cosines, out=cosines)
+def _angles(a: Array, b: Array) -> Array:
+    return np.arccos(np.clip(a @ b.T, -1.0, 1.0))
 
 
 def _quality(table: VisibilityTable, free: slice, config: FitnessConfig) -> Array:
@@ -308,7 +306,7 @@ def _overlap_pairs(
     both = (seen * area_share.astype(np.float32)) @ seen.T
     each = np.diag(both).copy()
     # In place: of ten thousand candidates one such table takes 400 megabytes.
-    pairs = np.add.outer(each, each).astype(np.float32, copy=False)
+    pairs = np.add.outer(each, each)
     pairs -= both
     np.divide(both, pairs, out=pairs, where=pairs > _NOTHING)
     nearness = angles * np.float32(-1.0 / config.overlap_rad)

@@ -1,4 +1,4 @@
-"""Choosing O, the K best viewpoints of P: greedy start, then simulated annealing."""
+"""Choosing O, the K best viewpoints of P: greedily or by a ring, then simulated annealing."""
 
 from __future__ import annotations
 
@@ -17,10 +17,8 @@ from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem, evaluate
 from server.stages import Placement, Viewpoint
 
-# A restart is a look elsewhere; most moves belong to the greedy start.
+# A restart is a look elsewhere; most moves belong to the first start.
 _RESTART_SHARE = 0.2
-# So many views are looked at in all to find the best ring.
-_MOST_RING_VIEWS = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,8 +172,12 @@ def _rings(problem: FitnessProblem, k: int) -> Iterator[NDArray[np.intp]]:
     offsets = positions - (lower + upper) / 2.0
     angles = 2.0 * np.pi / k * np.arange(k)
     turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    step = -(-len(positions) * k // _MOST_RING_VIEWS)
-    wanted = np.einsum("kij,nj->nki", turns, offsets[::step])
+    # Rings that begin beyond the first sector are those that begin in it, counted on.
+    azimuths = np.arctan2(offsets[:, 1], offsets[:, 0]) % (2.0 * np.pi)
+    first = offsets[azimuths < 2.0 * np.pi / k]
+    if len(first) == 0:
+        return
+    wanted = np.einsum("kij,nj->nki", turns, first)
     _, found = KDTree(offsets).query(wanted)
     for chosen in np.reshape(found, (-1, k)):
         if len(set(chosen.tolist())) == k:

@@ -1,6 +1,6 @@
 """Which rule chooses the viewpoints: by name in the configuration, all with one signature.
 
-``annealed`` is the paper's: greedy start, then simulated annealing of the fitness.
+``annealed`` is the paper's: a greedy start, then simulated annealing of the fitness.
 ``farthest`` spreads the views as far from one another as it can, seen from the object, and asks
 nothing else: what the literature on choosing views for radiance fields finds hard to beat.
 ``uncertain`` anneals, too, but every patch counts as much more as the field knows it less; the
@@ -29,8 +29,12 @@ Array = NDArray[np.float64]
 SurfaceUncertainty = Callable[[Array, Array], Array]
 
 _NEAREST = 8
-# The opposite normal is as far away as this share of the object's size, twice.
+# Places that face opposite ways count as one object's size apart.
 _TURNED = 0.5
+# What is known of a place says little of surfaces farther from it than this share of the object's
+# size; a box's face is often a tenth of it away from what is inside.
+_REACH = 0.2
+_LEAST_SIZE_M = 0.1
 
 
 class Policy(Protocol):
@@ -105,23 +109,26 @@ def uncertainty_near(points: Array, normals: Array, uncertainty: Array) -> Surfa
     """Return the uncertainty of any surface from that of some places on it.
 
     It is the mean of the nearest places, where a normal that is turned away counts as distance:
-    what is known of one side of a thin part says nothing about the other.
-
-    Without any place nothing is known of any surface.
+    what is known of one side of a thin part says nothing about the other. The farther the nearest
+    place, the nearer to wholly unknown, for a field has no place where it has no surface.
 
     Args:
-        points: The places ``(n, 3)``, world metres.
-        normals: Outward there ``(n, 3)``, unit.
+        points: The places ``(n, 3)``, world metres; there may be none.
+        normals: Towards where each was looked at from ``(n, 3)``, unit.
         uncertainty: 0 to 1 of each ``(n,)``.
     """
     if len(points) == 0:
         return lambda asked, _: np.ones(len(asked))
     count = min(_NEAREST, len(points))
-    turned_m = _TURNED * float(np.linalg.norm(np.ptp(points, axis=0)))
+    size_m = max(float(np.linalg.norm(np.ptp(points, axis=0))), _LEAST_SIZE_M)
+    turned_m = _TURNED * size_m
+    places = KDTree(points)
     tree = KDTree(np.hstack([points, turned_m * normals]))
 
     def of(asked: Array, asked_normals: Array) -> Array:
         _, nearest = tree.query(np.hstack([asked, turned_m * asked_normals]), k=count)
-        return uncertainty[nearest].reshape(len(asked), count).mean(axis=1)
+        told = uncertainty[nearest].reshape(len(asked), count).mean(axis=1)
+        away_m, _ = places.query(asked)
+        return 1.0 - (1.0 - told) * np.exp(-((away_m / (_REACH * size_m)) ** 2))
 
     return of

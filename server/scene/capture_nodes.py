@@ -111,8 +111,8 @@ class CaptureLayer:
         self._draw_boxes("slices", event.seed.boxes, by_edge, 1.5)
 
     def draw_seen(self, event: SurfaceSeen) -> None:
-        """Paint the surface: red where no picture shows it, the greener the more of them do."""
-        share = np.minimum(event.pictures / _SEEN_WELL, 1.0)[:, None]
+        """Paint the surface: red where no picture shows it, else the brighter the more do."""
+        share = np.clip((event.pictures - 1.0) / (_SEEN_WELL - 1.0), 0.0, 1.0)[:, None]
         colours = np.where(
             event.pictures[:, None] == 0, _UNSEEN, (1.0 - share) * _SEEN_ONCE + share * _SEEN_OFTEN
         )

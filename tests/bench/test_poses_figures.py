@@ -88,7 +88,7 @@ def test_samples_are_pooled_over_flights() -> None:
     assert figures["seconds"] == 10.0
     assert figures["sigma_ratio_worst"] == 1.0
     # Only first flights train fields, and a flight without pictures is counted and left out.
-    figures = _summary([{**sample, "psnr_db_refined": 20.0}, sample, {"failed": "wall"}])
+    figures = _summary([{"failed": "wall"}, sample, {**sample, "psnr_db_refined": 20.0}])
     assert figures["psnr_db_refined"] == 20.0
     assert (figures["flights"], figures["failed_flights"], figures["stills"]) == (3, 1, 48)
 

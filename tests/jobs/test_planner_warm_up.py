@@ -1,7 +1,8 @@
 """The planner is compiled before the first plan is due, and wholly."""
 
-import asyncio
 import json
+import signal
+import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -43,12 +44,14 @@ def compiled(folder: Path) -> set[str]:
     return {file.name for file in folder.rglob("*.nb?")}
 
 
+@pytest.mark.slow
 async def test_a_real_plan_finds_all_it_needs_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernels = tmp_path / "kernels"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
     async with planner_warm_up() as process:
+        assert process is not None
         assert await process.wait() == 0
     ready = compiled(kernels)
     assert ready
@@ -58,5 +61,11 @@ async def test_a_real_plan_finds_all_it_needs_compiled(
 
 async def test_it_is_ended_with_whoever_started_it() -> None:
     async with planner_warm_up() as process:
-        await asyncio.sleep(0)
-    assert process.returncode is not None
+        assert process is not None
+    assert process.returncode == -signal.SIGKILL
+
+
+async def test_without_a_process_everything_else_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    async with planner_warm_up() as process:
+        assert process is None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from server.jobs.plan import KnownPlaces
 from server.jobs.reports import FieldReports, keep_renderings
@@ -29,13 +30,17 @@ def test_a_rendering_is_kept_as_it_was(tmp_path: Path) -> None:
     assert np.abs(kept_bgr.mean((0, 1)) - (63.75, 0.0, 255.0)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_what_is_known_is_told_as_the_planner_reads_it(tmp_path: Path) -> None:
-    dataset = load_dataset(write_tiny_scene(tmp_path / "scene", 4))
-    trainer = Trainer(dataset, FieldConfig(), TrainConfig(), held_out=[], threads=1)
-    trainer.run(steps=30)
+    dataset = load_dataset(write_tiny_scene(tmp_path / "scene"))
+    field = FieldConfig(levels=6, log2_table_size=13, features=2, coarsest=8, finest=128)
+    train = TrainConfig(rays_per_step=512, memory_cells=32)
+    trainer = Trainer(dataset, field, train, held_out=[], threads=1)
+    trainer.run(steps=200)
     FieldReports(trainer, Reporter(tmp_path), tmp_path, images=4).tell_known(seed=0)
     (line,) = (tmp_path / EVENTS).read_text().splitlines()
     event = json.loads(line)
     assert event["event"] == "known"
     known = KnownPlaces.model_validate(event)
+    assert known.points
     assert len(known.points) == len(known.normals) == len(known.uncertainty)

@@ -1,12 +1,15 @@
 """How much of the object the pictures show: what lies before them, and nothing behind."""
 
+import asyncio
+
 import numpy as np
 import pytest
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
-from server.mission.coverage import surface_seen
-from server.mission.events import SurfaceSeen
+from server.mission import coverage
+from server.mission.coverage import CoverageNews, surface_seen
+from server.mission.events import EventStream, SurfaceSeen
 from server.planner.config import FitnessConfig
 from server.stages import SeedGeometry, Viewpoint
 
@@ -56,3 +59,22 @@ def test_the_shares_are_of_the_area() -> None:
     seen = seen_from(0.0, 0.01, 0.02)
     assert seen.coverage.once == pytest.approx((seen.pictures >= 1).mean(), abs=0.03)
     assert seen.coverage.thrice == pytest.approx((seen.pictures >= 3).mean(), abs=0.03)
+
+
+async def test_what_fails_ends_nothing_and_the_newest_is_told(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    events = EventStream()
+    news = CoverageNews(events, FitnessConfig())
+    ring = [picture(azimuth) for azimuth in np.arange(4) * np.pi / 2.0]
+    with events.subscribe() as subscription, monkeypatch.context() as broken:
+        broken.setattr(coverage, "visibility_table", lambda *_: 1 / 0)
+        news.tell(SEED, ring, TELLO_INTRINSICS, TELLO_TILT_RAD)
+        while "could not be worked out" not in caplog.text:  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+        broken.undo()
+        news.tell(SEED, ring[:1], TELLO_INTRINSICS, TELLO_TILT_RAD)
+        news.tell(SEED, ring, TELLO_INTRINSICS, TELLO_TILT_RAD)
+        event = await asyncio.wait_for(anext(subscription), 10.0)
+        assert isinstance(event, SurfaceSeen)
+        assert event.coverage.once > 0.7
