@@ -27,9 +27,9 @@ def free_port() -> int:
 
 
 @contextmanager
-def console(runs: Path, *arguments: str) -> Iterator[str]:
+def console(runs: Path, *arguments: str, port: int | None = None) -> Iterator[str]:
     """Run ``dronerf serve`` and yield its address once it answers."""
-    port = free_port()
+    port = port or free_port()
     environment = os.environ | {"DRONERF_TOKEN": TOKEN}
     process = subprocess.Popen(
         [*COMMAND, "serve", "--port", str(port), "--runs", str(runs), *arguments],
