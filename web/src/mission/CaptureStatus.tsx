@@ -138,7 +138,6 @@ export function phaseWord(capture: CaptureReport, step: Step | null): string {
 export function CaptureControls({ capture }: { readonly capture: CaptureReport }) {
   const operator = useOperator();
   const paused = capture.state === "paused";
-  const flies = fliesByItself(capture);
   return (
     <div className="capture-controls">
       <button
@@ -150,22 +149,31 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
         <Icon name={paused ? "play" : "pause"} />
         {paused ? words.mission.resume : words.mission.pause}
       </button>
-      <ConfirmButton
-        className="button-danger"
-        label={
-          <>
-            <Icon name="abort" />
-            {words.mission.abort}
-          </>
-        }
-        confirm={
-          <>
-            <Icon name="abort" />
-            {flies ? words.mission.abortConfirm : words.mission.abortDown}
-          </>
-        }
-        onConfirm={() => void operator.changeCapture(capture.id, "abort")}
-      />
+      <AbortButton capture={capture} />
     </div>
+  );
+}
+
+/** Ends the capture: in the air the drones land, on the ground the training stops. */
+export function AbortButton({ capture }: { readonly capture: CaptureReport }) {
+  const operator = useOperator();
+  return (
+    <ConfirmButton
+      className="button-danger"
+      testId="capture-abort"
+      label={
+        <>
+          <Icon name="abort" />
+          {words.mission.abort}
+        </>
+      }
+      confirm={
+        <>
+          <Icon name="abort" />
+          {fliesByItself(capture) ? words.mission.abortConfirm : words.mission.abortDown}
+        </>
+      }
+      onConfirm={() => void operator.changeCapture(capture.id, "abort")}
+    />
   );
 }

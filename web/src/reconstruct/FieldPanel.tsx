@@ -6,6 +6,7 @@ import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { CourseLine } from "./CourseLine";
 import { PreviewPicture } from "./PreviewPicture";
+import { TrainingControls } from "./TrainingControls";
 
 /** The field as it grows: newest rendering, training figures, quality. */
 export function FieldPanel() {
@@ -33,6 +34,7 @@ export function FieldPanel() {
           <Metrics metrics={metrics} />
         </div>
       </div>
+      <TrainingControls />
     </Panel>
   );
 }

@@ -8,7 +8,7 @@ import type {
 } from "../protocol/messages.gen";
 import { reduce } from "./reduce";
 import { droneReport } from "./fixtures";
-import { fliesByItself, INITIAL_STATE, type ConsoleState, type Message } from "./state";
+import { canGoOn, fliesByItself, INITIAL_STATE, isTraining, type ConsoleState, type Message } from "./state";
 
 const T0 = 1_000_000;
 
@@ -179,6 +179,31 @@ describe("fliesByItself", () => {
     ["capture", "aborted", false],
   ] as const)("%s, %s: %s", (phase, state, expected) => {
     expect(fliesByItself(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("isTraining", () => {
+  it.each([
+    ["capture", "running", false],
+    ["land", "running", false],
+    ["train", "running", true],
+    ["train", "failed", false],
+    ["done", "succeeded", false],
+  ] as const)("%s, %s: %s", (phase, state, expected) => {
+    expect(isTraining(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("canGoOn", () => {
+  it.each([
+    ["interrupted", 24, true],
+    ["aborted", 3, true],
+    ["failed", 24, true],
+    ["aborted", 0, false],
+    ["succeeded", 24, false],
+    ["running", 24, false],
+  ] as const)("%s with %i pictures: %s", (state, images, expected) => {
+    expect(canGoOn({ state, images })).toBe(expected);
   });
 });
 
