@@ -4,7 +4,7 @@ import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
-import { fliesByItself, isActive } from "../state/state";
+import { canPause, fliesByItself, isActive } from "../state/state";
 import { words } from "../text/words";
 
 type CaptureState = CaptureReport["state"];
@@ -140,15 +140,17 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
   const paused = capture.state === "paused";
   return (
     <div className="capture-controls">
-      <button
-        type="button"
-        className={`button ${paused ? "button-primary" : ""}`}
-        data-testid={paused ? "capture-resume" : "capture-pause"}
-        onClick={() => void operator.changeCapture(capture.id, paused ? "resume" : "pause")}
-      >
-        <Icon name={paused ? "play" : "pause"} />
-        {paused ? words.mission.resume : words.mission.pause}
-      </button>
+      {(paused || canPause(capture)) && (
+        <button
+          type="button"
+          className={`button ${paused ? "button-primary" : ""}`}
+          data-testid={paused ? "capture-resume" : "capture-pause"}
+          onClick={() => void operator.changeCapture(capture.id, paused ? "resume" : "pause")}
+        >
+          <Icon name={paused ? "play" : "pause"} />
+          {paused ? words.mission.resume : words.mission.pause}
+        </button>
+      )}
       <AbortButton capture={capture} />
     </div>
   );

@@ -8,7 +8,7 @@ import type {
 } from "../protocol/messages.gen";
 import { reduce } from "./reduce";
 import { droneReport } from "./fixtures";
-import { canGoOn, fliesByItself, INITIAL_STATE, isTraining, type ConsoleState, type Message } from "./state";
+import { canGoOn, canPause, fliesByItself, INITIAL_STATE, isTraining, type ConsoleState, type Message } from "./state";
 
 const T0 = 1_000_000;
 
@@ -179,6 +179,20 @@ describe("fliesByItself", () => {
     ["capture", "aborted", false],
   ] as const)("%s, %s: %s", (phase, state, expected) => {
     expect(fliesByItself(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("canPause", () => {
+  it.each([
+    ["take_off", "running", false],
+    ["centre", "running", true],
+    ["capture", "running", true],
+    ["capture", "paused", false],
+    ["land", "running", false],
+    ["train", "running", false],
+    ["fly", "aborted", false],
+  ] as const)("%s, %s: %s", (phase, state, expected) => {
+    expect(canPause(capture("1", { phase, state }))).toBe(expected);
   });
 });
 

@@ -202,6 +202,14 @@ export function fliesByItself(capture: CaptureReport | null): boolean {
   );
 }
 
+/** Phases in which drones hover when asked to; the server refuses to pause in any other. */
+const PAUSABLE: ReadonlySet<string> = new Set(["centre", "seed", "plan", "fly", "tune", "capture"]);
+
+/** True while a capture can be paused. */
+export function canPause(capture: CaptureReport): boolean {
+  return capture.state === "running" && PAUSABLE.has(capture.phase);
+}
+
 /** True while the field is trained after the flight. */
 export function isTraining(capture: CaptureReport): boolean {
   return isActive(capture) && capture.phase === "train";
