@@ -127,6 +127,7 @@ class TrainingReport(_Message):
     loss: float | None
     psnr_db: float | None
     held_out_psnr_db: float | None
+    held_out_ssim: float | None
     samples_per_s: float
     images: int
 

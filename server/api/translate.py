@@ -155,6 +155,7 @@ def _training(event: TrainingProgressed) -> messages.TrainingReport:
         loss=event.loss,
         psnr_db=event.psnr_db,
         held_out_psnr_db=event.held_out_psnr_db,
+        held_out_ssim=event.held_out_ssim,
         samples_per_s=event.samples_per_s,
         images=event.images,
     )

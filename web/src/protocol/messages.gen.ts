@@ -117,6 +117,7 @@ export interface TrainingReport {
   readonly loss: number | null;
   readonly psnr_db: number | null;
   readonly held_out_psnr_db: number | null;
+  readonly held_out_ssim: number | null;
   readonly samples_per_s: number;
   readonly images: number;
 }

@@ -1,8 +1,8 @@
 import { expect, it } from "vitest";
 import { seriesFromLog } from "./course";
 
-const line = (stage: string, seconds: number, psnr: number | null) =>
-  JSON.stringify({ event: "progressed", stage, seconds, loss: 0.1, psnr_db: psnr, held_out_psnr_db: null });
+const line = (stage: string, seconds: number, psnr: number | null, more: object = {}) =>
+  JSON.stringify({ event: "progressed", stage, seconds, loss: 0.1, psnr_db: psnr, held_out_psnr_db: null, ...more });
 
 it("draws the curves of a training that nobody watched", () => {
   const log = [
@@ -16,4 +16,12 @@ it("draws the curves of a training that nobody watched", () => {
   expect(series.seconds).toEqual([1, 2]);
   expect(series.trainDb).toEqual([12, 15]);
   expect(series.stages.map((stage) => stage.name)).toEqual(["train"]);
+});
+
+it("draws how alike the pictures are, where the log tells it", () => {
+  const judged = (held_out_psnr_db: number, held_out_ssim: number) => ({ held_out_psnr_db, held_out_ssim });
+  const told = [line("train", 1, 12, judged(18, 0.5)), line("train", 2, 15, judged(19, 0.6))].join("\n");
+  expect(seriesFromLog(told).heldOutSsim).toEqual([0.5, 0.6]);
+  // An earlier version's log does not.
+  expect(seriesFromLog(line("train", 1, 12)).heldOutSsim).toEqual([null]);
 });

@@ -6,6 +6,9 @@ type Progress = Pick<TrainingReport, "stage" | "seconds" | "loss" | "psnr_db" | 
   readonly event: "progressed";
 };
 
+/** What the logs of earlier versions do not tell. */
+const UNTOLD: Pick<TrainingReport, "held_out_ssim"> = { held_out_ssim: null };
+
 function isProgress(line: unknown): line is Progress {
   return typeof line === "object" && line !== null && (line as { event?: unknown }).event === "progressed";
 }
@@ -22,7 +25,7 @@ export function seriesFromLog(log: string): QualitySeries {
       continue;
     }
     if (!isProgress(line)) continue;
-    const report = line as unknown as TrainingReport;
+    const report = { ...UNTOLD, ...line } as unknown as TrainingReport;
     series = appendReport(series, previous, report);
     previous = report;
   }

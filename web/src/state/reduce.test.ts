@@ -52,6 +52,7 @@ function training(stage: string, seconds: number, changes: Partial<TrainingRepor
     loss: null,
     psnr_db: 20,
     held_out_psnr_db: null,
+    held_out_ssim: null,
     samples_per_s: 1e6,
     images: 24,
     ...changes,

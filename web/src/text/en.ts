@@ -411,10 +411,11 @@ export const en = {
     time: "Stage time",
     of: (seconds: string, total: string) => `${seconds} of ${total}`,
     quality: "Quality",
-    curve: "PSNR in dB over seconds of training",
+    curve: "PSNR in dB and SSIM over seconds of training",
     lossCurve: "Training loss over seconds of training",
     train: "training batch",
     heldOut: "held-out pictures",
+    ssimRight: "their SSIM (right)",
     noCurve: "The quality curve starts with the first training report.",
     metrics: "Held-out quality",
     measuredOn: (heldOut: number, images: number) =>
