@@ -364,6 +364,7 @@ class Capture:
         box: Box of the object, or None when it was not seen.
         file: Path of the picture relative to the run folder.
         captured_at: Aware UTC.
+        sharpness: See ``vision.sharpness``; None while nobody measured it.
     """
 
     index: int
@@ -374,6 +375,7 @@ class Capture:
     box: Box | None
     file: str
     captured_at: datetime
+    sharpness: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

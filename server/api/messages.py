@@ -62,7 +62,10 @@ class CaptureReport(_Message):
 
 
 class PictureReport(_Message):
-    """A picture is on disk; the thumbnail is a data URL."""
+    """A picture is on disk; the thumbnail is a data URL.
+
+    ``sharpness`` is for comparison with other pictures of the capture alone.
+    """
 
     type: Literal["capture_taken"] = "capture_taken"
     at: str
@@ -70,6 +73,7 @@ class PictureReport(_Message):
     round_index: int
     drone_id: str
     thumbnail: str
+    sharpness: float | None
 
 
 class PlanProgress(_Message):

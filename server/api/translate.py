@@ -65,6 +65,7 @@ def message_from_event(event: Event) -> BaseModel | None:
                 round_index=event.capture.round_index,
                 drone_id=event.capture.pose.drone_id,
                 thumbnail=_data_url(event.thumbnail_jpeg),
+                sharpness=event.capture.sharpness,
             )
         case PosesRefined():
             return messages.PosesReport(

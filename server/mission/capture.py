@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import cv2
@@ -23,6 +24,7 @@ from server.nerf.flight import FlightPicture
 from server.stages import CameraPose, Capture, Telemetry
 from server.store.runs import RunFolder
 from server.swarm.fleet import Fleet
+from server.vision.sharpness import sharpness
 
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _KEYFRAME_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 90]
@@ -139,16 +141,17 @@ class Photographer:
             file=f"images/{self.taken:04d}.jpg",
             captured_at=datetime.now(UTC),
         )
-        thumbnail = await asyncio.to_thread(self._save_still, capture, sight, object_box)
+        taken = await asyncio.to_thread(self._save_still, capture, sight, object_box)
         self.poses.append(pose)
         self._last_keyframe[drone_id] = pose
-        self._events.publish(CaptureTaken(capture, thumbnail))
+        self._events.publish(taken)
 
-    def _save_still(self, capture: Capture, sight: Sight, object_box: Box3 | None) -> bytes:
+    def _save_still(self, capture: Capture, sight: Sight, object_box: Box3 | None) -> CaptureTaken:
         image = sight.frame.image_bgr
-        self._run.add_still(capture, _jpeg(image, _QUALITY), sight.region, object_box)
+        measured = replace(capture, sharpness=round(sharpness(image), 2))
+        self._run.add_still(measured, _jpeg(image, _QUALITY), sight.region, object_box)
         small = cv2.resize(image, (160, 120), interpolation=cv2.INTER_AREA)
-        return _jpeg(small, [cv2.IMWRITE_JPEG_QUALITY, 75])
+        return CaptureTaken(measured, _jpeg(small, [cv2.IMWRITE_JPEG_QUALITY, 75]))
 
     def _save_keyframe(self, file: str, sight: Sight, pose: CameraPose) -> None:
         picture = FlightPicture(

@@ -57,7 +57,7 @@ export interface CaptureReport {
   readonly commanded: number;
 }
 
-/** A picture is on disk; the thumbnail is a data URL. */
+/** A picture is on disk; the thumbnail is a data URL. ``sharpness`` is for comparison with other pictures of the capture alone. */
 export interface PictureReport {
   readonly type: "capture_taken";
   readonly at: string;
@@ -65,6 +65,7 @@ export interface PictureReport {
   readonly round_index: number;
   readonly drone_id: string;
   readonly thumbnail: string;
+  readonly sharpness: number | null;
 }
 
 /** The annealing as it runs. */

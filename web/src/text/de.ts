@@ -371,6 +371,8 @@ export const de: Catalogue = {
     heldOut: "Prüfbild",
     used: "Genutzt",
     flightPose: "Pose vom Flug",
+    blurred: "Unscharf",
+    blurredMeans: "Weniger als halb so scharf wie die Bilder dieser Drohne sonst",
     sigma: (cm, degrees) => `Pose auf ${cm} cm und ${degrees} Grad bekannt (ein Sigma)`,
   },
   scene: {

@@ -373,6 +373,8 @@ export const en = {
     heldOut: "Held out",
     used: "Used",
     flightPose: "Flight pose",
+    blurred: "Blurred",
+    blurredMeans: "Less than half as sharp as this drone's pictures usually are",
     sigma: (cm: string, degrees: string) => `Pose known to ${cm} cm and ${degrees} degrees (one sigma)`,
   },
   scene: {
