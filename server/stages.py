@@ -365,6 +365,7 @@ class Capture:
         file: Path of the picture relative to the run folder.
         captured_at: Aware UTC.
         sharpness: See ``vision.sharpness``; None while nobody measured it.
+        damaged_before: Damaged pictures of its drone that were passed over for it.
     """
 
     index: int
@@ -376,6 +377,7 @@ class Capture:
     file: str
     captured_at: datetime
     sharpness: float | None = None
+    damaged_before: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,8 @@ class CaptureReport(_Message):
 class PictureReport(_Message):
     """A picture is on disk; the thumbnail is a data URL.
 
-    ``sharpness`` is for comparison with other pictures of the capture alone.
+    ``sharpness`` is for comparison with other pictures of the capture alone. ``damaged_before``
+    counts the damaged pictures of the drone that were passed over for this one.
     """
 
     type: Literal["capture_taken"] = "capture_taken"
@@ -74,6 +75,7 @@ class PictureReport(_Message):
     drone_id: str
     thumbnail: str
     sharpness: float | None
+    damaged_before: int
 
 
 class PlanProgress(_Message):

@@ -66,6 +66,7 @@ def message_from_event(event: Event) -> BaseModel | None:
                 drone_id=event.capture.pose.drone_id,
                 thumbnail=_data_url(event.thumbnail_jpeg),
                 sharpness=event.capture.sharpness,
+                damaged_before=event.capture.damaged_before,
             )
         case PosesRefined():
             return messages.PosesReport(

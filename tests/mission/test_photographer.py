@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -31,7 +31,7 @@ class Frames:
     """An eye that sees its next picture each time it is asked, the last one from then on."""
 
     images: list[tuple[np.ndarray, bool]]
-    sequence: int = field(default=-1)
+    sequence: int = -1
 
     @property
     def sight(self) -> Sight:
@@ -50,7 +50,8 @@ def photographer(
     return Photographer(
         run,
         cast("Any", SimpleNamespace(drones={"drone-1": drone})),
-        {"drone-1": cast("Any", Frames([(PICTURE, False), *images]))},
+        # It is asked twice for what it saw before.
+        {"drone-1": cast("Any", Frames([(PICTURE, False), (PICTURE, False), *images]))},
         cast("Any", SimpleNamespace(pose=lambda drone_id, at_s: pose)),
         events,
         MissionConfig(),
@@ -68,3 +69,15 @@ async def test_how_sharp_a_picture_is_stays_with_it(tmp_path: Path, length_px: i
     assert event.capture.sharpness == pytest.approx(sharpness(image), abs=0.01)
     (kept,) = read_pictures(run.path)
     assert kept.sharpness == event.capture.sharpness
+
+
+async def test_damaged_pictures_are_passed_over_and_counted(tmp_path: Path) -> None:
+    run, events = RunFolder.create(tmp_path, ""), EventStream()
+    torn = np.zeros_like(PICTURE)
+    taker = photographer(run, events, (torn, True), (torn, True), (PICTURE, False))
+    with events.subscribe(16) as subscription:
+        assert not await taker.take_all(["drone-1"], 0, None)
+        event = await anext(aiter(subscription))
+    assert isinstance(event, CaptureTaken)
+    assert event.capture.damaged_before == 2
+    assert event.capture.sharpness == pytest.approx(sharpness(PICTURE), abs=0.01)

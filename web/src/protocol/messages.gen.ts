@@ -57,7 +57,7 @@ export interface CaptureReport {
   readonly commanded: number;
 }
 
-/** A picture is on disk; the thumbnail is a data URL. ``sharpness`` is for comparison with other pictures of the capture alone. */
+/** A picture is on disk; the thumbnail is a data URL. ``sharpness`` is for comparison with other pictures of the capture alone. ``damaged_before`` counts the damaged pictures of the drone that were passed over for this one. */
 export interface PictureReport {
   readonly type: "capture_taken";
   readonly at: string;
@@ -66,6 +66,7 @@ export interface PictureReport {
   readonly drone_id: string;
   readonly thumbnail: string;
   readonly sharpness: number | null;
+  readonly damaged_before: number;
 }
 
 /** The annealing as it runs. */

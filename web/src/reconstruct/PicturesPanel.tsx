@@ -89,6 +89,8 @@ function Picture({ picture, blurred }: { readonly picture: PictureReport; readon
   const state = pictureState(picture.index, poses, training, metrics);
   const number = picture.index + 1;
   const label = words.strip.picture(number, drone?.name ?? picture.drone_id, picture.round_index + 1);
+  const before = picture.damaged_before;
+  const title = before === 0 ? label : `${label}, ${words.strip.damagedBefore(before)}`;
   const file = artifactUrl(captureId, pictureFile(picture.index));
   return (
     <a
@@ -96,7 +98,7 @@ function Picture({ picture, blurred }: { readonly picture: PictureReport; readon
       href={file}
       target="_blank"
       rel="noreferrer"
-      title={label}
+      title={title}
       style={{ "--drone": drone?.colour ?? "var(--line)" } as React.CSSProperties}
       data-testid={`picture-${picture.index}`}
     >

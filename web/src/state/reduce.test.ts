@@ -38,7 +38,7 @@ function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureRepor
 }
 
 function picture(index: number, thumbnail = "data:,"): PictureReport {
-  return { type: "capture_taken", at: "", index, round_index: 0, drone_id: "a", thumbnail, sharpness: null };
+  return { type: "capture_taken", at: "", index, round_index: 0, drone_id: "a", thumbnail, sharpness: null, damaged_before: 0 };
 }
 
 function training(stage: string, seconds: number, changes: Partial<TrainingReport> = {}): TrainingReport {

@@ -367,6 +367,7 @@ export const de: Catalogue = {
     empty: "kommt noch",
     taken: (taken, total) => `${taken} / ${total}`,
     picture: (number, drone, round) => `Bild ${number}, ${drone}, Runde ${round}`,
+    damagedBefore: (pictures) => (pictures === 1 ? "nach 1 beschädigten Bild" : `nach ${pictures} beschädigten Bildern`),
     nothing: "Die Bilder erscheinen hier, sobald sie gemacht sind.",
     heldOut: "Prüfbild",
     used: "Genutzt",

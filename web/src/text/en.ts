@@ -369,6 +369,8 @@ export const en = {
     taken: (taken: number, total: number) => `${taken} / ${total}`,
     picture: (number: number, drone: string, round: number) =>
       `Picture ${number}, ${drone}, round ${round}`,
+    damagedBefore: (pictures: number) =>
+      pictures === 1 ? "after 1 damaged picture" : `after ${pictures} damaged pictures`,
     nothing: "Pictures appear here as they are taken.",
     heldOut: "Held out",
     used: "Used",
