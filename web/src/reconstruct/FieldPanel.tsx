@@ -8,9 +8,9 @@ import { CourseLine } from "./CourseLine";
 import { PreviewPicture } from "./PreviewPicture";
 import { TrainingControls } from "./TrainingControls";
 
-/** The field as it grows: newest rendering, training figures, quality. */
-export function FieldPanel() {
-  const { training, preview, metrics } = useConsole((state) => state.findings);
+/** The field as it grows, `training` being its last report: newest rendering, training figures, quality. */
+export function FieldPanel({ training }: { readonly training: TrainingReport | null }) {
+  const { preview, metrics } = useConsole((state) => state.findings);
   return (
     <Panel
       title={words.field.title}

@@ -30,6 +30,11 @@ const MOST_POINTS = 2000;
 /** Stages that train nothing: the curves leave their time out. */
 const NO_TRAINING: ReadonlySet<string> = new Set(["refine", "masks", "evaluate", "mesh", "film"]);
 
+/** True for a stage in which the field is trained. */
+export function trains(stage: string): boolean {
+  return !NO_TRAINING.has(stage);
+}
+
 /**
  * Append a report to the series.
  *
@@ -41,7 +46,7 @@ export function appendReport(
   previous: TrainingReport | null,
   report: TrainingReport,
 ): QualitySeries {
-  if (NO_TRAINING.has(report.stage)) return series;
+  if (!trains(report.stage)) return series;
   const begins =
     previous?.stage !== report.stage || report.seconds < previous.seconds;
   const last = series.seconds.at(-1) ?? 0;
