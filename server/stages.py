@@ -364,6 +364,8 @@ class Capture:
         box: Box of the object, or None when it was not seen.
         file: Path of the picture relative to the run folder.
         captured_at: Aware UTC.
+        sharpness: See ``vision.sharpness``; None while nobody measured it.
+        damaged_before: Damaged pictures of its drone that were passed over for it.
     """
 
     index: int
@@ -374,6 +376,8 @@ class Capture:
     box: Box | None
     file: str
     captured_at: datetime
+    sharpness: float | None = None
+    damaged_before: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,11 @@ class CaptureReport(_Message):
 
 
 class PictureReport(_Message):
-    """A picture is on disk; the thumbnail is a data URL."""
+    """A picture is on disk; the thumbnail is a data URL.
+
+    ``sharpness`` is for comparison with other pictures of the capture alone. ``damaged_before``
+    counts the damaged pictures of the drone that were passed over for this one.
+    """
 
     type: Literal["capture_taken"] = "capture_taken"
     at: str
@@ -70,6 +74,8 @@ class PictureReport(_Message):
     round_index: int
     drone_id: str
     thumbnail: str
+    sharpness: float | None
+    damaged_before: int
 
 
 class PlanProgress(_Message):
@@ -127,6 +133,7 @@ class TrainingReport(_Message):
     loss: float | None
     psnr_db: float | None
     held_out_psnr_db: float | None
+    held_out_ssim: float | None
     samples_per_s: float
     images: int
 

@@ -65,6 +65,8 @@ def message_from_event(event: Event) -> BaseModel | None:
                 round_index=event.capture.round_index,
                 drone_id=event.capture.pose.drone_id,
                 thumbnail=_data_url(event.thumbnail_jpeg),
+                sharpness=event.capture.sharpness,
+                damaged_before=event.capture.damaged_before,
             )
         case PosesRefined():
             return messages.PosesReport(
@@ -155,6 +157,7 @@ def _training(event: TrainingProgressed) -> messages.TrainingReport:
         loss=event.loss,
         psnr_db=event.psnr_db,
         held_out_psnr_db=event.held_out_psnr_db,
+        held_out_ssim=event.held_out_ssim,
         samples_per_s=event.samples_per_s,
         images=event.images,
     )

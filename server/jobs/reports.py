@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from server.jobs.spec import Reporting
 from server.jobs.wanted_view import WantedView
 from server.jobs.worker import Reporter
-from server.nerf.metrics import psnr_db
+from server.nerf.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from server.nerf.orbit_view import OrbitView
 from server.nerf.preview import render_preview
 from server.nerf.training import StepReport, Trainer
@@ -27,7 +27,7 @@ _ORBIT_S = 40.0
 # Of the time at most this share goes into previews that somebody asks for one after the other.
 _SHOWN_SHARE = 0.3
 _LOOK_S = 0.05
-# The curve's held-out figure is taken on small renderings; the final figures are not.
+# The curves' held-out figures are taken on small renderings; the final figures are not.
 _SCORE_SCALE = 0.25
 
 
@@ -52,6 +52,7 @@ def tell_share(reporter: Reporting, stage: str, images: int) -> Callable[[float]
             loss=None,
             psnr_db=None,
             held_out_psnr_db=None,
+            held_out_ssim=None,
             samples_per_s=0.0,
             images=images,
         )
@@ -101,6 +102,7 @@ class FieldReports:
         self._cost_s = self._looked_s = 0.0
         self._watched: list[int] = []
         self._score_db: float | None = None
+        self._score_ssim: float | None = None
 
     def begin(
         self, stage: str, total_s: float | None, watched: list[int], begun_s: float | None = None
@@ -117,7 +119,7 @@ class FieldReports:
         now_s = time.monotonic()
         if self._watched and now_s - self._scored_s > _SCORE_S:
             self._scored_s = now_s
-            self._score_db = float(np.mean([self._score(index) for index in self._watched]))
+            self._score_watched()
         if now_s - self._told_s > _REPORT_S:
             self._told_s = now_s
             self._tell(step)
@@ -165,13 +167,22 @@ class FieldReports:
             intrinsics=asdict(preview.intrinsics),
         )
 
-    def _score(self, index: int) -> float:
+    def _score_watched(self) -> None:
+        scores = [self._score(index) for index in self._watched]
+        alike = [value for _, value in scores if value is not None]
+        self._score_db = float(np.mean([db for db, _ in scores]))
+        self._score_ssim = float(np.mean(alike)) if alike else None
+
+    def _score(self, index: int) -> tuple[float, float | None]:
+        """Return PSNR in dB and SSIM of a picture, None for one too small for it."""
         dataset = self._trainer.dataset
         camera = dataset.intrinsics[index].scaled(_SCORE_SCALE)
-        shown = self._trainer.render(camera, dataset.T_world_cam[index]).rgb
+        shown = np.clip(self._trainer.render(camera, dataset.T_world_cam[index]).rgb, 0.0, 1.0)
         size = (camera.width, camera.height)
         small = cv2.resize(dataset.images[index], size, interpolation=cv2.INTER_AREA)
-        return psnr_db(shown, small.astype(np.float32) / np.float32(255.0))
+        photograph = small.astype(np.float32) / np.float32(255.0)
+        alike = None if min(size) < SSIM_WINDOW_PX else ssim(shown, photograph)
+        return psnr_db(shown, photograph), alike
 
     def _tell(self, step: StepReport | None) -> None:
         self._reporter.emit(
@@ -183,6 +194,7 @@ class FieldReports:
             loss=None if step is None else round(step.loss, 6),
             psnr_db=None if step is None else round(step.psnr_db, 3),
             held_out_psnr_db=None if self._score_db is None else round(self._score_db, 3),
+            held_out_ssim=None if self._score_ssim is None else round(self._score_ssim, 4),
             samples_per_s=round(self._trainer.samples_per_s, 1),
             images=self._images,
         )

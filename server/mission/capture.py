@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import cv2
@@ -23,10 +24,28 @@ from server.nerf.flight import FlightPicture
 from server.stages import CameraPose, Capture, Telemetry
 from server.store.runs import RunFolder
 from server.swarm.fleet import Fleet
+from server.vision.sharpness import sharpness
 
 _QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 95]
 _KEYFRAME_QUALITY = [cv2.IMWRITE_JPEG_QUALITY, 90]
 _POLL_S = 0.03
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CleanSight:
+    """An undamaged picture of a drone that hovers.
+
+    Attributes:
+        sight: The picture and what it shows.
+        pose: Where its camera was believed to be.
+        telemetry: The drone's newest state report.
+        damaged_before: Damaged pictures that were passed over for it.
+    """
+
+    sight: Sight
+    pose: CameraPose
+    telemetry: Telemetry
+    damaged_before: int
 
 
 class Photographer:
@@ -70,10 +89,8 @@ class Photographer:
             if found is None:
                 missed.append(drone_id)
             else:
-                sight, pose, telemetry = found
                 # Once begun it is finished: half a picture would be taken again under its number.
-                keeping = self._keep(drone_id, sight, pose, telemetry, round_index, object_box)
-                await asyncio.shield(keeping)
+                await asyncio.shield(self._keep(drone_id, found, round_index, object_box))
         return missed
 
     async def save_keyframes(self, drones: list[str]) -> None:
@@ -97,13 +114,14 @@ class Photographer:
         turned_rad = abs(wrap_angle(pose.yaw_rad - last.yaw_rad))
         return moved_m > self._config.keyframe_m or turned_rad > self._config.keyframe_rad
 
-    async def _clean_sight(self, drone_id: str) -> tuple[Sight, CameraPose, Telemetry] | None:
+    async def _clean_sight(self, drone_id: str) -> _CleanSight | None:
         """Wait for an undamaged picture of the drone hovering; None when the time is up."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + self._config.picture_timeout_s
         drone, eye = self._fleet.drones[drone_id], self._eyes[drone_id]
         sequence = -1 if eye.sight is None else eye.sight.frame.sequence
         begun_s = loop.time()
+        damaged = 0
         while loop.time() < deadline_s:
             await asyncio.sleep(_POLL_S)
             sight, telemetry = eye.sight, drone.telemetry
@@ -111,44 +129,42 @@ class Photographer:
                 continue
             sequence = sight.frame.sequence
             if sight.frame.damaged:
+                damaged += 1
                 # It is the radio: the next key picture may come through whole.
                 deadline_s = begun_s + self._config.whole_picture_timeout_s
             slow = np.linalg.norm(telemetry.velocity_m_s) <= self._config.still_m_s
             late = loop.time() > deadline_s - self._config.picture_timeout_s / 2.0
             # A drone that gusts never let rest gives a picture all the same, if an undamaged one.
             if not sight.frame.damaged and (slow or late):
-                return sight, self._pilot.pose(drone_id, sight.frame.captured_s), telemetry
+                pose = self._pilot.pose(drone_id, sight.frame.captured_s)
+                return _CleanSight(sight, pose, telemetry, damaged)
         return None
 
     async def _keep(
-        self,
-        drone_id: str,
-        sight: Sight,
-        pose: CameraPose,
-        telemetry: Telemetry,
-        round_index: int,
-        object_box: Box3 | None,
+        self, drone_id: str, found: _CleanSight, round_index: int, object_box: Box3 | None
     ) -> None:
         capture = Capture(
             index=self.taken,
             round_index=round_index,
-            pose=pose,
+            pose=found.pose,
             intrinsics=self._fleet.drones[drone_id].config.intrinsics,
-            telemetry=telemetry,
-            box=sight.box,
+            telemetry=found.telemetry,
+            box=found.sight.box,
             file=f"images/{self.taken:04d}.jpg",
             captured_at=datetime.now(UTC),
+            damaged_before=found.damaged_before,
         )
-        thumbnail = await asyncio.to_thread(self._save_still, capture, sight, object_box)
-        self.poses.append(pose)
-        self._last_keyframe[drone_id] = pose
-        self._events.publish(CaptureTaken(capture, thumbnail))
+        taken = await asyncio.to_thread(self._save_still, capture, found.sight, object_box)
+        self.poses.append(found.pose)
+        self._last_keyframe[drone_id] = found.pose
+        self._events.publish(taken)
 
-    def _save_still(self, capture: Capture, sight: Sight, object_box: Box3 | None) -> bytes:
+    def _save_still(self, capture: Capture, sight: Sight, object_box: Box3 | None) -> CaptureTaken:
         image = sight.frame.image_bgr
-        self._run.add_still(capture, _jpeg(image, _QUALITY), sight.region, object_box)
+        measured = replace(capture, sharpness=round(sharpness(image), 2))
+        self._run.add_still(measured, _jpeg(image, _QUALITY), sight.region, object_box)
         small = cv2.resize(image, (160, 120), interpolation=cv2.INTER_AREA)
-        return _jpeg(small, [cv2.IMWRITE_JPEG_QUALITY, 75])
+        return CaptureTaken(measured, _jpeg(small, [cv2.IMWRITE_JPEG_QUALITY, 75]))
 
     def _save_keyframe(self, file: str, sight: Sight, pose: CameraPose) -> None:
         picture = FlightPicture(

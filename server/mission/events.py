@@ -269,6 +269,7 @@ class TrainingProgressed:
         held_out_psnr_db: PSNR on held-out pictures when last measured.
         samples_per_s: Points through encoding and both MLPs with gradient, per second.
         images: Pictures in use.
+        held_out_ssim: SSIM on held-out pictures when last measured; earlier workers do not tell it.
     """
 
     stage: str
@@ -281,6 +282,7 @@ class TrainingProgressed:
     samples_per_s: float
     images: int
     at: datetime = field(default_factory=_now)
+    held_out_ssim: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,7 @@ class FlightPicture:
         T_world_cam: Believed pose ``(4, 4)``.
         sigma_m: Believed position uncertainty per axis.
         sigma_rad: Believed heading uncertainty.
+        sharpness: See ``vision.sharpness``; None for key frames and pictures of earlier versions.
     """
 
     file: str
@@ -43,6 +44,7 @@ class FlightPicture:
     T_world_cam: NDArray[np.float64]
     sigma_m: float
     sigma_rad: float
+    sharpness: float | None = None
 
 
 def append_picture(folder: Path, picture: FlightPicture) -> None:
@@ -58,6 +60,7 @@ def append_picture(folder: Path, picture: FlightPicture) -> None:
             "T_world_cam": picture.T_world_cam.tolist(),
             "sigma_m": picture.sigma_m,
             "sigma_rad": picture.sigma_rad,
+            "sharpness": picture.sharpness,
         }
     )
     with (folder / _FILE).open("a") as stream:

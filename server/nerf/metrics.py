@@ -18,6 +18,8 @@ from server.stages import Metrics
 
 Image = NDArray[np.float32]
 
+# Smaller pictures have no structural similarity.
+SSIM_WINDOW_PX = 11
 # Pictures that are equal would have infinite PSNR, which no JSON can carry.
 _PSNR_MAX_DB = 100.0
 

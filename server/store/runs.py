@@ -109,6 +109,7 @@ class RunFolder:
                 T_world_cam=capture.pose.T_world_cam,
                 sigma_m=capture.pose.position_sigma_m,
                 sigma_rad=float(np.sqrt(capture.pose.covariance[3, 3])),
+                sharpness=capture.sharpness,
             ),
         )
         self.write_transforms(capture.intrinsics, object_box)

@@ -94,3 +94,13 @@ def test_only_folders_with_a_state_are_runs(tmp_path):
     assert list_runs(tmp_path / "missing") == []
     run.path.joinpath("capture.json").write_text("{")
     assert run.state() is None
+
+
+def test_pictures_of_earlier_versions_have_no_sharpness(tmp_path):
+    picture = FlightPicture("images/0000.jpg", None, True, "drone-1", 1.0, 0, np.eye(4), 0.1, 0.05)
+    append_picture(tmp_path, picture)
+    listed = tmp_path / "pictures.jsonl"
+    listed.write_text(listed.read_text().replace(', "sharpness": null', ""))
+    assert "sharpness" not in listed.read_text()
+    (read,) = read_pictures(tmp_path)
+    assert read.sharpness is None

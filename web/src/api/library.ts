@@ -74,9 +74,12 @@ export async function getPoses(captureId: string): Promise<readonly RefinedPose[
   return file.pictures ?? [];
 }
 
+/** Where in a run folder the training's log is. */
+export const TRAINING_LOG = "jobs/reconstruct/events.jsonl";
+
 /** All that a capture's training has told, line by line as JSON. @throws RequestError also where it never trained. */
 export async function getTrainingLog(captureId: string): Promise<string> {
-  return requestText(artifactPath(captureId, "jobs/reconstruct/events.jsonl"));
+  return requestText(artifactPath(captureId, TRAINING_LOG));
 }
 
 /** Delete a capture and its files for good. @throws RequestError */

@@ -9,17 +9,15 @@ import { HeldOutView } from "../judge/HeldOutView";
 import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
+import { GoOnButton } from "../retrain/GoOnButton";
 import { TrainAnew } from "../retrain/TrainAnew";
 import { KnownLength } from "../scale/KnownLength";
-import { isActiveState } from "../state/state";
+import { canGoOn, isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
 import { filesByFolder, flightSeconds } from "./run";
 import { RunFilm } from "./RunFilm";
 import { RunPicture } from "./RunPicture";
-
-/** How captures end whose training the console can go on with. */
-const CUT_OFF: readonly CaptureEntry["state"][] = ["interrupted", "aborted", "failed"];
 
 /** One capture: its rendering, its figures, its files, and what can be done with it. */
 export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; readonly onChanged: () => void }) {
@@ -53,22 +51,7 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
         {files !== null && <Files files={files} />}
         {!isActiveState(entry.state) && (
           <div className="run-actions">
-            {CUT_OFF.includes(entry.state) && entry.images > 0 && (
-              <button
-                type="button"
-                className="button"
-                data-testid="resume-capture"
-                title={text.resumeHint}
-                onClick={() => {
-                  void operator.changeCapture(entry.id, "resume").then((done) => {
-                    if (done) onChanged();
-                  });
-                }}
-              >
-                <Icon name="play" />
-                {text.resume}
-              </button>
-            )}
+            {canGoOn(entry) && <GoOnButton captureId={entry.id} onChanged={onChanged} />}
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"

@@ -4,7 +4,7 @@ import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
-import { fliesByItself, isActive } from "../state/state";
+import { canPause, fliesByItself, isActive } from "../state/state";
 import { words } from "../text/words";
 
 type CaptureState = CaptureReport["state"];
@@ -138,34 +138,44 @@ export function phaseWord(capture: CaptureReport, step: Step | null): string {
 export function CaptureControls({ capture }: { readonly capture: CaptureReport }) {
   const operator = useOperator();
   const paused = capture.state === "paused";
-  const flies = fliesByItself(capture);
   return (
     <div className="capture-controls">
-      <button
-        type="button"
-        className={`button ${paused ? "button-primary" : ""}`}
-        data-testid={paused ? "capture-resume" : "capture-pause"}
-        onClick={() => void operator.changeCapture(capture.id, paused ? "resume" : "pause")}
-      >
-        <Icon name={paused ? "play" : "pause"} />
-        {paused ? words.mission.resume : words.mission.pause}
-      </button>
-      <ConfirmButton
-        className="button-danger"
-        label={
-          <>
-            <Icon name="abort" />
-            {words.mission.abort}
-          </>
-        }
-        confirm={
-          <>
-            <Icon name="abort" />
-            {flies ? words.mission.abortConfirm : words.mission.abortDown}
-          </>
-        }
-        onConfirm={() => void operator.changeCapture(capture.id, "abort")}
-      />
+      {(paused || canPause(capture)) && (
+        <button
+          type="button"
+          className={`button ${paused ? "button-primary" : ""}`}
+          data-testid={paused ? "capture-resume" : "capture-pause"}
+          onClick={() => void operator.changeCapture(capture.id, paused ? "resume" : "pause")}
+        >
+          <Icon name={paused ? "play" : "pause"} />
+          {paused ? words.mission.resume : words.mission.pause}
+        </button>
+      )}
+      <AbortButton capture={capture} />
     </div>
+  );
+}
+
+/** Ends the capture: in the air the drones land, on the ground the training stops. */
+export function AbortButton({ capture }: { readonly capture: CaptureReport }) {
+  const operator = useOperator();
+  return (
+    <ConfirmButton
+      className="button-danger"
+      testId="capture-abort"
+      label={
+        <>
+          <Icon name="abort" />
+          {words.mission.abort}
+        </>
+      }
+      confirm={
+        <>
+          <Icon name="abort" />
+          {fliesByItself(capture) ? words.mission.abortConfirm : words.mission.abortDown}
+        </>
+      }
+      onConfirm={() => void operator.changeCapture(capture.id, "abort")}
+    />
   );
 }

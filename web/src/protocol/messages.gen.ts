@@ -57,7 +57,7 @@ export interface CaptureReport {
   readonly commanded: number;
 }
 
-/** A picture is on disk; the thumbnail is a data URL. */
+/** A picture is on disk; the thumbnail is a data URL. ``sharpness`` is for comparison with other pictures of the capture alone. ``damaged_before`` counts the damaged pictures of the drone that were passed over for this one. */
 export interface PictureReport {
   readonly type: "capture_taken";
   readonly at: string;
@@ -65,6 +65,8 @@ export interface PictureReport {
   readonly round_index: number;
   readonly drone_id: string;
   readonly thumbnail: string;
+  readonly sharpness: number | null;
+  readonly damaged_before: number;
 }
 
 /** The annealing as it runs. */
@@ -117,6 +119,7 @@ export interface TrainingReport {
   readonly loss: number | null;
   readonly psnr_db: number | null;
   readonly held_out_psnr_db: number | null;
+  readonly held_out_ssim: number | null;
   readonly samples_per_s: number;
   readonly images: number;
 }

@@ -6,10 +6,11 @@ import type { MetricsReport, TrainingReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { CourseLine } from "./CourseLine";
 import { PreviewPicture } from "./PreviewPicture";
+import { TrainingControls } from "./TrainingControls";
 
-/** The field as it grows: newest rendering, training figures, quality. */
-export function FieldPanel() {
-  const { training, preview, metrics } = useConsole((state) => state.findings);
+/** The field as it grows, `training` being its last report: newest rendering, training figures, quality. */
+export function FieldPanel({ training }: { readonly training: TrainingReport | null }) {
+  const { preview, metrics } = useConsole((state) => state.findings);
   return (
     <Panel
       title={words.field.title}
@@ -33,6 +34,7 @@ export function FieldPanel() {
           <Metrics metrics={metrics} />
         </div>
       </div>
+      <TrainingControls />
     </Panel>
   );
 }

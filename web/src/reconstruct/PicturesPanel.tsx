@@ -1,3 +1,4 @@
+import { useMemo } from "react";
 import { artifactUrl, getPoses, pictureFile, type RefinedPose } from "../api/library";
 import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
@@ -5,7 +6,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import type { PictureReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import { pictureState } from "./pictureState";
+import { blurredPictures, pictureState } from "./pictureState";
 
 /** All pictures of the capture with what became of each; places for those still to be taken. */
 export function PicturesPanel() {
@@ -13,6 +14,7 @@ export function PicturesPanel() {
   const total = useConsole((state) => state.capture?.images_total ?? 0);
   const sigmas = useSigmas();
   const widest = Math.max(0, ...sigmas.map(({ sigma_m: sigmaM }) => sigmaM));
+  const blurred = useMemo(() => blurredPictures(pictures), [pictures]);
   const byIndex = new Map(pictures.map((picture) => [picture.index, picture]));
   const places = Math.max(total, (pictures.at(-1)?.index ?? -1) + 1);
   return (
@@ -28,7 +30,7 @@ export function PicturesPanel() {
         <ol className="sheet" tabIndex={0} aria-label={words.strip.title}>
           {Array.from({ length: places }, (_, index) => (
             <li key={index}>
-              <Place number={index + 1} picture={byIndex.get(index)} />
+              <Place number={index + 1} picture={byIndex.get(index)} blurred={blurred.has(index)} />
               <PoseBar pose={sigmas[index]} widestM={widest} />
             </li>
           ))}
@@ -62,7 +64,13 @@ function PoseBar({ pose, widestM }: { readonly pose: RefinedPose | undefined; re
   );
 }
 
-function Place({ number, picture }: { readonly number: number; readonly picture: PictureReport | undefined }) {
+interface PlaceProps {
+  readonly number: number;
+  readonly picture: PictureReport | undefined;
+  readonly blurred: boolean;
+}
+
+function Place({ number, picture, blurred }: PlaceProps) {
   if (picture === undefined) {
     return (
       <span className="place">
@@ -71,16 +79,18 @@ function Place({ number, picture }: { readonly number: number; readonly picture:
       </span>
     );
   }
-  return <Picture picture={picture} />;
+  return <Picture picture={picture} blurred={blurred} />;
 }
 
-function Picture({ picture }: { readonly picture: PictureReport }) {
+function Picture({ picture, blurred }: { readonly picture: PictureReport; readonly blurred: boolean }) {
   const drone = useConsole((state) => state.drones.get(picture.drone_id)?.report);
   const captureId = useConsole((state) => state.capture?.id ?? "");
   const { poses, training, metrics } = useConsole((state) => state.findings);
   const state = pictureState(picture.index, poses, training, metrics);
   const number = picture.index + 1;
   const label = words.strip.picture(number, drone?.name ?? picture.drone_id, picture.round_index + 1);
+  const before = picture.damaged_before;
+  const title = before === 0 ? label : `${label}, ${words.strip.damagedBefore(before)}`;
   const file = artifactUrl(captureId, pictureFile(picture.index));
   return (
     <a
@@ -88,7 +98,7 @@ function Picture({ picture }: { readonly picture: PictureReport }) {
       href={file}
       target="_blank"
       rel="noreferrer"
-      title={label}
+      title={title}
       style={{ "--drone": drone?.colour ?? "var(--line)" } as React.CSSProperties}
       data-testid={`picture-${picture.index}`}
     >
@@ -104,6 +114,12 @@ function Picture({ picture }: { readonly picture: PictureReport }) {
           <span className="tag">
             <Icon name="check" />
             {words.strip.used}
+          </span>
+        )}
+        {blurred && (
+          <span className="tag tag-warning" title={words.strip.blurredMeans}>
+            <Icon name="warning" />
+            {words.strip.blurred}
           </span>
         )}
         {state.pose === "flight" && (

@@ -1,6 +1,6 @@
 import { useMemo } from "react";
 import uPlot from "uplot";
-import { LOGARITHMIC, Plot, type PlotOptions, type PlotTheme } from "../design/Plot";
+import { LOGARITHMIC, Plot, RIGHT, type PlotOptions, type PlotTheme } from "../design/Plot";
 import type { QualitySeries } from "../state/series";
 import { words } from "../text/words";
 
@@ -12,18 +12,22 @@ function dbRange(_: uPlot, least: number | null, most: number | null): uPlot.Ran
   return [middle - half, middle + half];
 }
 
+/** At least a tenth high, for the same reason. */
+function ssimRange(_: uPlot, least: number | null, most: number | null): uPlot.Range.MinMax {
+  if (least === null || most === null) return [0, 1];
+  const middle = (least + most) / 2;
+  const half = Math.max(0.05, 0.55 * (most - least));
+  return [middle - half, middle + half];
+}
+
 /** What both curves share: seconds of training, and where each stage of it began. */
 function options(theme: PlotTheme, stages: QualitySeries["stages"]): PlotOptions {
-  const { axis, letterPx } = theme;
   return {
     legend: { show: false },
     cursor: { y: false, points: { size: 6 } },
-    padding: [10, 1.6 * letterPx, 0, 0],
+    padding: [10, 1.6 * theme.letterPx, 0, 0],
     scales: { x: { time: false } },
-    axes: [
-      { ...axis, size: 2.2 * letterPx, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
-      { ...axis, size: 4.2 * letterPx },
-    ],
+    axes: axes(theme),
     series: [{}],
     hooks: {
       draw: [
@@ -33,6 +37,14 @@ function options(theme: PlotTheme, stages: QualitySeries["stages"]): PlotOptions
       ],
     },
   };
+}
+
+/** Seconds below, and at the left what a curve shows. */
+function axes({ axis, letterPx }: PlotTheme): uPlot.Axis[] {
+  return [
+    { ...axis, size: 2.2 * letterPx, values: (_, ticks) => ticks.map((tick) => `${tick} s`) },
+    { ...axis, size: 4.2 * letterPx },
+  ];
 }
 
 /** A thin upright line and a word where each stage of the training begins. */
@@ -77,27 +89,46 @@ function stagesKey(series: QualitySeries): string {
   return series.stages.map((stage) => `${stage.name} ${stage.startS}`).join(", ");
 }
 
-/** PSNR over training time: the training batch thin, held-out pictures bold. */
+/** PSNR over training time, the training batch thin, held-out pictures bold; and the SSIM of these. */
 export function PsnrChart({ series }: { readonly series: QualitySeries }) {
   const data = useMemo<uPlot.AlignedData>(
-    () => [series.seconds.slice(), series.trainDb.slice(), series.heldOutDb.slice()],
+    () => [
+      series.seconds.slice(),
+      series.trainDb.slice(),
+      series.heldOutDb.slice(),
+      series.heldOutSsim.slice(),
+    ],
     [series],
   );
+  // Trainings of earlier versions told none.
+  const alike = series.heldOutSsim.some((ssim) => ssim !== null);
   return (
     <div className="curve" data-testid="psnr-curve" data-points={series.seconds.length}>
       <div className="curve-legend" aria-hidden="true">
         <span className="curve-unit">{words.field.psnr}, dB</span>
         <span className="key key-train">{words.field.train}</span>
         <span className="key key-held-out">{words.field.heldOut}</span>
+        {alike && <span className="key key-ssim">{words.field.ssimRight}</span>}
       </div>
       <Plot
         className="curve-plot"
         data={data}
-        version={stagesKey(series)}
+        version={`${stagesKey(series)} ${alike}`}
         label={words.field.curve}
         options={(theme) => ({
           ...options(theme, series.stages),
-          scales: { x: { time: false }, y: { range: dbRange } },
+          scales: { x: { time: false }, y: { range: dbRange }, ssim: { range: ssimRange } },
+          axes: [
+            ...axes(theme),
+            {
+              ...theme.axis,
+              show: alike,
+              scale: "ssim",
+              side: RIGHT,
+              grid: { show: false },
+              size: 3.4 * theme.letterPx,
+            },
+          ],
           series: [
             {},
             {
@@ -111,6 +142,14 @@ export function PsnrChart({ series }: { readonly series: QualitySeries }) {
               width: 2,
               spanGaps: true,
               points: { show: true, size: 6, fill: theme.colour("--plot-held-out"), width: 0 },
+            },
+            {
+              stroke: theme.colour("--plot-ssim"),
+              width: 1.5,
+              scale: "ssim",
+              dash: [4, 3],
+              spanGaps: true,
+              points: { show: true, size: 5, fill: theme.colour("--plot-ssim"), width: 0 },
             },
           ],
         })}

@@ -8,7 +8,7 @@ import type {
 } from "../protocol/messages.gen";
 import { reduce } from "./reduce";
 import { droneReport } from "./fixtures";
-import { fliesByItself, INITIAL_STATE, type ConsoleState, type Message } from "./state";
+import { canGoOn, canPause, fliesByItself, INITIAL_STATE, isTraining, type ConsoleState, type Message } from "./state";
 
 const T0 = 1_000_000;
 
@@ -38,7 +38,7 @@ function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureRepor
 }
 
 function picture(index: number, thumbnail = "data:,"): PictureReport {
-  return { type: "capture_taken", at: "", index, round_index: 0, drone_id: "a", thumbnail };
+  return { type: "capture_taken", at: "", index, round_index: 0, drone_id: "a", thumbnail, sharpness: null, damaged_before: 0 };
 }
 
 function training(stage: string, seconds: number, changes: Partial<TrainingReport> = {}): TrainingReport {
@@ -52,6 +52,7 @@ function training(stage: string, seconds: number, changes: Partial<TrainingRepor
     loss: null,
     psnr_db: 20,
     held_out_psnr_db: null,
+    held_out_ssim: null,
     samples_per_s: 1e6,
     images: 24,
     ...changes,
@@ -179,6 +180,45 @@ describe("fliesByItself", () => {
     ["capture", "aborted", false],
   ] as const)("%s, %s: %s", (phase, state, expected) => {
     expect(fliesByItself(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("canPause", () => {
+  it.each([
+    ["take_off", "running", false],
+    ["centre", "running", true],
+    ["capture", "running", true],
+    ["capture", "paused", false],
+    ["land", "running", false],
+    ["train", "running", false],
+    ["fly", "aborted", false],
+  ] as const)("%s, %s: %s", (phase, state, expected) => {
+    expect(canPause(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("isTraining", () => {
+  it.each([
+    ["capture", "running", false],
+    ["land", "running", false],
+    ["train", "running", true],
+    ["train", "failed", false],
+    ["done", "succeeded", false],
+  ] as const)("%s, %s: %s", (phase, state, expected) => {
+    expect(isTraining(capture("1", { phase, state }))).toBe(expected);
+  });
+});
+
+describe("canGoOn", () => {
+  it.each([
+    ["interrupted", 24, true],
+    ["aborted", 3, true],
+    ["failed", 24, true],
+    ["aborted", 0, false],
+    ["succeeded", 24, false],
+    ["running", 24, false],
+  ] as const)("%s with %i pictures: %s", (state, images, expected) => {
+    expect(canGoOn({ state, images })).toBe(expected);
   });
 });
 

@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import type { TrainingReport } from "../protocol/messages.gen";
 import { appendReport, EMPTY_SERIES, type QualitySeries } from "./series";
 
-type Point = Pick<TrainingReport, "stage" | "seconds" | "psnr_db" | "held_out_psnr_db">;
+type Point = Pick<TrainingReport, "stage" | "seconds" | "psnr_db" | "held_out_psnr_db" | "held_out_ssim">;
 
 function series(points: readonly Point[]): QualitySeries {
   let previous: TrainingReport | null = null;
@@ -25,7 +25,7 @@ function series(points: readonly Point[]): QualitySeries {
 }
 
 function point(stage: string, seconds: number, heldOut: number | null = null): Point {
-  return { stage, seconds, psnr_db: seconds, held_out_psnr_db: heldOut };
+  return { stage, seconds, psnr_db: seconds, held_out_psnr_db: heldOut, held_out_ssim: heldOut === null ? null : heldOut / 100 };
 }
 
 describe("appendReport", () => {
@@ -53,6 +53,7 @@ describe("appendReport", () => {
   it("keeps a held-out value once, where it was measured", () => {
     const all = series([point("train", 1), point("train", 2, 18), point("train", 3, 18), point("train", 4, 19)]);
     expect(all.heldOutDb).toEqual([null, 18, null, 19]);
+    expect(all.heldOutSsim).toEqual([null, 0.18, null, 0.19]);
   });
 
   it("stays bounded for hours, in order, and keeps every held-out value", () => {
@@ -64,6 +65,7 @@ describe("appendReport", () => {
     expect(all.trainDb).toHaveLength(all.seconds.length);
     expect(all.seconds.every((s, index) => index === 0 || s > (all.seconds[index - 1] ?? s))).toBe(true);
     expect(all.heldOutDb.filter((db) => db !== null)).toHaveLength(90);
+    expect(all.heldOutSsim.filter((value) => value !== null)).toHaveLength(90);
     expect(all.seconds.at(-1)).toBe(8999);
   });
 });

@@ -6,6 +6,7 @@ export interface QualitySeries {
   readonly seconds: readonly number[];
   readonly trainDb: readonly (number | null)[];
   readonly heldOutDb: readonly (number | null)[];
+  readonly heldOutSsim: readonly (number | null)[];
   readonly loss: readonly (number | null)[];
   /** Where stages began. */
   readonly stages: readonly { readonly name: string; readonly startS: number }[];
@@ -17,6 +18,7 @@ export const EMPTY_SERIES: QualitySeries = {
   seconds: [],
   trainDb: [],
   heldOutDb: [],
+  heldOutSsim: [],
   loss: [],
   stages: [],
   offsetS: 0,
@@ -28,29 +30,38 @@ const MOST_POINTS = 2000;
 /** Stages that train nothing: the curves leave their time out. */
 const NO_TRAINING: ReadonlySet<string> = new Set(["refine", "masks", "evaluate", "mesh", "film"]);
 
+/** True for a stage in which the field is trained. */
+export function trains(stage: string): boolean {
+  return !NO_TRAINING.has(stage);
+}
+
 /**
  * Append a report to the series.
  *
  * A report's seconds count within its stage, so each stage continues where the one before ended.
- * A held-out value is kept at the moment it was measured only: the server repeats the newest one.
+ * Held-out values are kept at the moment they were measured only: the server repeats the newest ones.
  */
 export function appendReport(
   series: QualitySeries,
   previous: TrainingReport | null,
   report: TrainingReport,
 ): QualitySeries {
-  if (NO_TRAINING.has(report.stage)) return series;
+  if (!trains(report.stage)) return series;
   const begins =
     previous?.stage !== report.stage || report.seconds < previous.seconds;
   const last = series.seconds.at(-1) ?? 0;
   const offsetS = begins ? last : series.offsetS;
   const stages = begins ? [...series.stages, { name: report.stage, startS: offsetS }] : series.stages;
-  const repeated = !begins && previous.held_out_psnr_db === report.held_out_psnr_db;
+  const repeated =
+    !begins &&
+    previous.held_out_psnr_db === report.held_out_psnr_db &&
+    previous.held_out_ssim === report.held_out_ssim;
   const kept = series.seconds.length >= MOST_POINTS ? thinned(series) : series;
   return {
     seconds: [...kept.seconds, offsetS + report.seconds],
     trainDb: [...kept.trainDb, report.psnr_db],
     heldOutDb: [...kept.heldOutDb, repeated ? null : report.held_out_psnr_db],
+    heldOutSsim: [...kept.heldOutSsim, repeated ? null : report.held_out_ssim],
     loss: [...kept.loss, report.loss],
     stages,
     offsetS,
@@ -66,6 +77,7 @@ function thinned(series: QualitySeries): QualitySeries {
     seconds: pick(series.seconds),
     trainDb: pick(series.trainDb),
     heldOutDb: pick(series.heldOutDb),
+    heldOutSsim: pick(series.heldOutSsim),
     loss: pick(series.loss),
   };
 }

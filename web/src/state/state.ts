@@ -202,6 +202,27 @@ export function fliesByItself(capture: CaptureReport | null): boolean {
   );
 }
 
+/** Phases in which drones hover when asked to; the server refuses to pause in any other. */
+const PAUSABLE: ReadonlySet<string> = new Set(["centre", "seed", "plan", "fly", "tune", "capture"]);
+
+/** True while a capture can be paused. */
+export function canPause(capture: CaptureReport): boolean {
+  return capture.state === "running" && PAUSABLE.has(capture.phase);
+}
+
+/** True while the field is trained after the flight. */
+export function isTraining(capture: CaptureReport): boolean {
+  return isActive(capture) && capture.phase === "train";
+}
+
+/** How captures end whose training the console can go on with. */
+const CUT_OFF: ReadonlySet<CaptureReport["state"]> = new Set(["interrupted", "aborted", "failed"]);
+
+/** True when a capture's training was cut off, or never begun, and has pictures to go on with. */
+export function canGoOn({ state, images }: Pick<CaptureReport, "state" | "images">): boolean {
+  return CUT_OFF.has(state) && images > 0;
+}
+
 /** True while a capture waits on the ground for batteries and the operator. */
 export function isGrounded(capture: CaptureReport): boolean {
   return capture.phase === "grounded" && capture.state === "paused";

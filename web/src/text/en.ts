@@ -369,10 +369,14 @@ export const en = {
     taken: (taken: number, total: number) => `${taken} / ${total}`,
     picture: (number: number, drone: string, round: number) =>
       `Picture ${number}, ${drone}, round ${round}`,
+    damagedBefore: (pictures: number) =>
+      pictures === 1 ? "after 1 damaged picture" : `after ${pictures} damaged pictures`,
     nothing: "Pictures appear here as they are taken.",
     heldOut: "Held out",
     used: "Used",
     flightPose: "Flight pose",
+    blurred: "Blurred",
+    blurredMeans: "Less than half as sharp as this drone's pictures usually are",
     sigma: (cm: string, degrees: string) => `Pose known to ${cm} cm and ${degrees} degrees (one sigma)`,
   },
   scene: {
@@ -411,10 +415,11 @@ export const en = {
     time: "Stage time",
     of: (seconds: string, total: string) => `${seconds} of ${total}`,
     quality: "Quality",
-    curve: "PSNR in dB over seconds of training",
+    curve: "PSNR in dB and SSIM over seconds of training",
     lossCurve: "Training loss over seconds of training",
     train: "training batch",
     heldOut: "held-out pictures",
+    ssimRight: "their SSIM (right)",
     noCurve: "The quality curve starts with the first training report.",
     metrics: "Held-out quality",
     measuredOn: (heldOut: number, images: number) =>
