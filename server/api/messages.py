@@ -39,6 +39,7 @@ class DroneReport(_Message):
     video_fps: float
     position_sigma_m: float | None
     video_wanted: bool
+    link_age_s: float | None
 
 
 class CaptureReport(_Message):

@@ -122,6 +122,7 @@ def _drone(event: DroneReported) -> messages.DroneReport:
         video_fps=event.video_fps,
         position_sigma_m=event.position_sigma_m,
         video_wanted=event.video_wanted,
+        link_age_s=event.link_age_s,
     )
 
 

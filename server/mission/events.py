@@ -57,6 +57,7 @@ class DroneReported:
         video_fps: Pictures per second over the last seconds.
         position_sigma_m: Uncertainty of the believed position.
         video_wanted: False while its video is switched off on purpose, on the ground.
+        link_age_s: Seconds since it last answered in this flight, None where that is not known.
     """
 
     drone_id: str
@@ -74,6 +75,7 @@ class DroneReported:
     position_sigma_m: float | None
     at: datetime = field(default_factory=_now)
     video_wanted: bool = True
+    link_age_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -248,6 +248,7 @@ class Pilot:
             video_fps=drone.video_fps,
             position_sigma_m=pose.position_sigma_m,
             video_wanted=drone.video_wanted,
+            link_age_s=drone.link_age_s,
         )
 
     # -- the loop -----------------------------------------------------------------------------

@@ -36,6 +36,7 @@ export interface DroneReport {
   readonly video_fps: number;
   readonly position_sigma_m: number | null;
   readonly video_wanted: boolean;
+  readonly link_age_s: number | null;
 }
 
 /** The capture as it stands, whenever it changes. */

@@ -21,6 +21,7 @@ export function droneReport(changes: Partial<DroneReport> = {}): DroneReport {
     video_fps: 15,
     position_sigma_m: 0.05,
     video_wanted: true,
+    link_age_s: 0.2,
     ...changes,
   };
 }

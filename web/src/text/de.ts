@@ -206,6 +206,7 @@ export const de: Catalogue = {
       speed: "Tempo",
       temperature: "Temp.",
       stateAge: "Stand",
+      linkAge: "Link",
       sigma: "Ort ±",
     },
     activity: {

@@ -203,6 +203,7 @@ export const en = {
       speed: "Speed",
       temperature: "Temp.",
       stateAge: "State",
+      linkAge: "Link",
       sigma: "Pos. ±",
     },
     activity: {
