@@ -40,6 +40,8 @@ class DroneReport(_Message):
     position_sigma_m: float | None
     video_wanted: bool
     link_age_s: float | None
+    object_age_s: float | None
+    velocity_age_s: float | None
 
 
 class CaptureReport(_Message):

@@ -123,6 +123,8 @@ def _drone(event: DroneReported) -> messages.DroneReport:
         position_sigma_m=event.position_sigma_m,
         video_wanted=event.video_wanted,
         link_age_s=event.link_age_s,
+        object_age_s=event.object_age_s,
+        velocity_age_s=event.velocity_age_s,
     )
 
 

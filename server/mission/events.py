@@ -58,6 +58,9 @@ class DroneReported:
         position_sigma_m: Uncertainty of the believed position.
         video_wanted: False while its video is switched off on purpose, on the ground.
         link_age_s: Seconds since it last answered in this flight, None where that is not known.
+        object_age_s: Seconds since it last saw the object where it may be, None before the first
+            time in this flight.
+        velocity_age_s: Seconds for which it was told to move and reported no velocity at all.
     """
 
     drone_id: str
@@ -76,6 +79,8 @@ class DroneReported:
     at: datetime = field(default_factory=_now)
     video_wanted: bool = True
     link_age_s: float | None = None
+    object_age_s: float | None = None
+    velocity_age_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -58,9 +58,10 @@ def heading(flight: VirtualFlight) -> float:
 def test_it_goes_where_the_sticks_point_and_hovers_when_they_fall_silent(tmp_path: Path) -> None:
     async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
         await taken_off(control, fleet)
-        link_age_s = control.drones()[0].link_age_s
-        assert link_age_s is not None
-        assert link_age_s < 1.0
+        report = control.drones()[0]
+        for age_s in (report.link_age_s, report.object_age_s, report.velocity_age_s):
+            assert age_s is not None
+            assert age_s < 1.0
         before, yaw = place(flight), heading(flight)
         await push(control, LEFT, 2.0)
         moved = place(flight) - before

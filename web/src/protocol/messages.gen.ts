@@ -37,6 +37,8 @@ export interface DroneReport {
   readonly position_sigma_m: number | null;
   readonly video_wanted: boolean;
   readonly link_age_s: number | null;
+  readonly object_age_s: number | null;
+  readonly velocity_age_s: number | null;
 }
 
 /** The capture as it stands, whenever it changes. */
