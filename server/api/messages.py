@@ -45,7 +45,10 @@ class DroneReport(_Message):
 
 
 class CaptureReport(_Message):
-    """The capture as it stands, whenever it changes."""
+    """The capture as it stands, whenever it changes.
+
+    ``entered`` is by phase when it was entered for the first time, in that order.
+    """
 
     type: Literal["capture_changed"] = "capture_changed"
     at: str
@@ -62,6 +65,7 @@ class CaptureReport(_Message):
     images: int
     images_total: int
     commanded: int
+    entered: dict[str, str]
 
 
 class PictureReport(_Message):

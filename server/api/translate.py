@@ -145,6 +145,7 @@ def _capture(event: CaptureChanged) -> messages.CaptureReport:
         images=event.images,
         images_total=event.images_total,
         commanded=event.commanded,
+        entered=dict(event.entered),
     )
 
 

@@ -8,7 +8,7 @@ Times ``at`` are aware UTC.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -334,6 +334,7 @@ class CaptureChanged:
         images: Pictures taken.
         images_total: Pictures planned.
         commanded: Viewpoints the drones were sent to so far.
+        entered: When each phase so far was entered for the first time, ISO 8601 UTC, in that order.
     """
 
     id: str
@@ -350,6 +351,7 @@ class CaptureChanged:
     images_total: int
     at: datetime = field(default_factory=_now)
     commanded: int = 0
+    entered: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

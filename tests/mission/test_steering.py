@@ -118,7 +118,8 @@ def test_sticks_move_nothing_that_a_capture_flies_that_is_held_or_that_stands(
         record = await control.start_capture(REQUEST)
         with pytest.raises(RefusedError, match="capture is running"):
             control.steer(PILOTED, AT_REST)
-        await in_phase(control, "centre")
+        centring = await in_phase(control, "centre")
+        assert list(centring.status.entered) == ["preflight", "take_off", "centre"]
         with pytest.raises(RefusedError, match="capture is running"):
             control.steer(PILOTED, LEFT)
         await control.abort_capture(record.status.id)

@@ -41,7 +41,7 @@ export interface DroneReport {
   readonly velocity_age_s: number | null;
 }
 
-/** The capture as it stands, whenever it changes. */
+/** The capture as it stands, whenever it changes. ``entered`` is by phase when it was entered for the first time, in that order. */
 export interface CaptureReport {
   readonly type: "capture_changed";
   readonly at: string;
@@ -58,6 +58,7 @@ export interface CaptureReport {
   readonly images: number;
   readonly images_total: number;
   readonly commanded: number;
+  readonly entered: Readonly<Record<string, string>>;
 }
 
 /** A picture is on disk; the thumbnail is a data URL. */
