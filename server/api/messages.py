@@ -39,10 +39,16 @@ class DroneReport(_Message):
     video_fps: float
     position_sigma_m: float | None
     video_wanted: bool
+    link_age_s: float | None
+    object_age_s: float | None
+    velocity_age_s: float | None
 
 
 class CaptureReport(_Message):
-    """The capture as it stands, whenever it changes."""
+    """The capture as it stands, whenever it changes.
+
+    ``entered`` is by phase when it was entered for the first time, in that order.
+    """
 
     type: Literal["capture_changed"] = "capture_changed"
     at: str
@@ -59,6 +65,7 @@ class CaptureReport(_Message):
     images: int
     images_total: int
     commanded: int
+    entered: dict[str, str]
 
 
 class PictureReport(_Message):

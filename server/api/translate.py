@@ -124,6 +124,9 @@ def _drone(event: DroneReported) -> messages.DroneReport:
         video_fps=event.video_fps,
         position_sigma_m=event.position_sigma_m,
         video_wanted=event.video_wanted,
+        link_age_s=event.link_age_s,
+        object_age_s=event.object_age_s,
+        velocity_age_s=event.velocity_age_s,
     )
 
 
@@ -144,6 +147,7 @@ def _capture(event: CaptureChanged) -> messages.CaptureReport:
         images=event.images,
         images_total=event.images_total,
         commanded=event.commanded,
+        entered=dict(event.entered),
     )
 
 

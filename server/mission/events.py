@@ -8,7 +8,7 @@ Times ``at`` are aware UTC.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -57,6 +57,10 @@ class DroneReported:
         video_fps: Pictures per second over the last seconds.
         position_sigma_m: Uncertainty of the believed position.
         video_wanted: False while its video is switched off on purpose, on the ground.
+        link_age_s: Seconds since it last answered in this flight, None where that is not known.
+        object_age_s: Seconds since it last saw the object where it may be, None before the first
+            time in this flight.
+        velocity_age_s: Seconds for which it was told to move and reported no velocity at all.
     """
 
     drone_id: str
@@ -74,6 +78,9 @@ class DroneReported:
     position_sigma_m: float | None
     at: datetime = field(default_factory=_now)
     video_wanted: bool = True
+    link_age_s: float | None = None
+    object_age_s: float | None = None
+    velocity_age_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -344,6 +351,7 @@ class CaptureChanged:
         images: Pictures taken.
         images_total: Pictures planned.
         commanded: Viewpoints the drones were sent to so far.
+        entered: When each phase so far was entered for the first time, ISO 8601 UTC, in that order.
     """
 
     id: str
@@ -360,6 +368,7 @@ class CaptureChanged:
     images_total: int
     at: datetime = field(default_factory=_now)
     commanded: int = 0
+    entered: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -398,6 +398,7 @@ class Mission:
 
     def _change(self, state: str) -> None:
         self._recorder.state = state
+        self._recorder.enter(self._state.progress.phase)
         self._tools.events.publish(self.status())
         self._save()
 

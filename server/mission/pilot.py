@@ -232,7 +232,7 @@ class Pilot:
         drone, telemetry = wing.drone, wing.drone.telemetry
         now_s = asyncio.get_running_loop().time()
         pose = wing.filter.pose(now_s)
-        frame = drone.newest_frame
+        frame, ages = drone.newest_frame, wing.ages(now_s)
         return DroneReported(
             drone_id=drone_id,
             name=drone.config.label,
@@ -248,6 +248,9 @@ class Pilot:
             video_fps=drone.video_fps,
             position_sigma_m=pose.position_sigma_m,
             video_wanted=drone.video_wanted,
+            link_age_s=drone.link_age_s,
+            object_age_s=ages.object_age_s,
+            velocity_age_s=ages.velocity_age_s,
         )
 
     # -- the loop -----------------------------------------------------------------------------

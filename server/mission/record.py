@@ -28,6 +28,7 @@ class CaptureRecorder:
         state: queued, running, paused, succeeded, failed or aborted.
         error: What went wrong, None when nothing did.
         seconds: Seconds spent so far, by phase.
+        entered: When each phase was entered for the first time, ISO 8601 UTC.
         overrides: Reason by overridden checklist item.
         dropped: Why each drone that dropped out did so.
     """
@@ -36,6 +37,7 @@ class CaptureRecorder:
         self.state = "queued"
         self.error: str | None = None
         self.seconds: dict[str, float] = {}
+        self.entered: dict[str, str] = {}
         self.overrides: dict[str, str] = {}
         self.dropped: dict[str, str] = {}
         self._request = request
@@ -43,6 +45,10 @@ class CaptureRecorder:
         self._writer = RunWriter(run)
         self._config = _plain(asdict(config))
         self._started_at = datetime.now(UTC)
+
+    def enter(self, phase: Phase) -> None:
+        """Note when a phase begins; what comes again keeps its first time."""
+        self.entered.setdefault(phase.value, datetime.now(UTC).isoformat())
 
     def add_seconds(self, phase: Phase, seconds: float) -> None:
         """Count time spent in a phase."""
@@ -82,6 +88,7 @@ class CaptureRecorder:
             images=images,
             images_total=wanted,
             commanded=commanded,
+            entered=dict(self.entered),
         )
 
     def save(self, status: CaptureChanged, progress: Progress, seed: SeedGeometry | None) -> None:

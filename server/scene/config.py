@@ -32,7 +32,7 @@ class SceneConfig:
 
     start_radius_m: float = 2.0
     floor_m: float = 10.0
-    thumbnail_hz: float = 3.0
+    thumbnail_hz: float = 5.0
     trail_hz: float = 2.0
     trail_points: int = 400
     trail_step_m: float = 0.03

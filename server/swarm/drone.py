@@ -185,8 +185,13 @@ class Drone:
     @property
     def hears(self) -> bool:
         """False while a drone in flight has not answered for longer than a lost datagram takes."""
-        age_s = self._connection.link_age_s(self._clock())
+        age_s = self.link_age_s
         return age_s is None or age_s < self._timing.deaf_s
+
+    @property
+    def link_age_s(self) -> float | None:
+        """Seconds since it last answered, None before it has answered in this flight."""
+        return self._connection.link_age_s(self._clock())
 
     @property
     def dropped(self) -> Mapping[str, int]:

@@ -101,6 +101,7 @@ def drone_report(
         video_fps=29.7,
         position_sigma_m=0.05,
         video_wanted=video_wanted,
+        link_age_s=0.4,
     )
 
 

@@ -37,6 +37,7 @@ async def test_drones_are_listed_in_fleet_order(console: Console) -> None:
         reports = (await client.get("/api/v1/drones")).json()
     assert [report["drone_id"] for report in reports] == list(DRONES)
     assert reports[0]["battery_pct"] == 80
+    assert reports[0]["link_age_s"] == 0.4
 
 
 async def test_newest_frame_or_a_reason(console: Console) -> None:

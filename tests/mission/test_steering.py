@@ -58,6 +58,10 @@ def heading(flight: VirtualFlight) -> float:
 def test_it_goes_where_the_sticks_point_and_hovers_when_they_fall_silent(tmp_path: Path) -> None:
     async def story(flight: VirtualFlight, control: Control, fleet: Fleet) -> None:
         await taken_off(control, fleet)
+        report = control.drones()[0]
+        for age_s in (report.link_age_s, report.object_age_s, report.velocity_age_s):
+            assert age_s is not None
+            assert age_s < 1.0
         before, yaw = place(flight), heading(flight)
         await push(control, LEFT, 2.0)
         moved = place(flight) - before
@@ -114,7 +118,8 @@ def test_sticks_move_nothing_that_a_capture_flies_that_is_held_or_that_stands(
         record = await control.start_capture(REQUEST)
         with pytest.raises(RefusedError, match="capture is running"):
             control.steer(PILOTED, AT_REST)
-        await in_phase(control, "centre")
+        centring = await in_phase(control, "centre")
+        assert list(centring.status.entered) == ["preflight", "take_off", "centre"]
         with pytest.raises(RefusedError, match="capture is running"):
             control.steer(PILOTED, LEFT)
         await control.abort_capture(record.status.id)

@@ -120,6 +120,7 @@ def test_a_drone_that_reports_but_does_not_hear_is_noticed() -> None:
             link.loses = lambda _: True
             await fly(drone, WELL, 1.0)
             assert drone.hears, "two answers may be late or lost"
+            assert drone.link_age_s == pytest.approx(1.0, abs=0.6)
             await fly(drone, WELL, 2.0)
             assert not drone.hears, "from now on the others make room for it"
             assert drone.fired == ()
@@ -133,6 +134,7 @@ def test_a_drone_that_reports_but_does_not_hear_is_noticed() -> None:
             link.loses = lambda _: True
             await fly(drone, WELL, 11.0)
             assert drone.activity == "landing"
+            assert drone.link_age_s is None, "nobody asks it while it lands"
             link.loses = lambda _: False
             await asyncio.sleep(8.0)
             assert link.airframe.phase == "standing"

@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "react";
+import { useEffect, useRef, useState, useSyncExternalStore } from "react";
 import type { CaptureRequest } from "./api/captures";
 import { useConsole, useOperator } from "./context";
 import { useFailsafeTable } from "./failsafe/useFailsafeTable";
@@ -69,18 +69,20 @@ function useNewScreen(screen: Screen, main: React.RefObject<HTMLElement | null>)
 /** Have pictures sent only while they can be seen. */
 function useVideoWhileSeen(shown: boolean): void {
   const operator = useOperator();
+  const { tiles } = operator;
   const ids = useConsole((state) => [...state.drones.keys()].join("\n"));
+  const outOfSight = useSyncExternalStore(tiles.subscribe, tiles.outOfSight);
   useEffect(() => {
     const look = () => {
       const all = ids === "" ? [] : ids.split("\n");
       // Before any drone is known the server's own default, all of them, is the right one.
       if (document.hidden || !shown) operator.showVideo([]);
-      else if (all.length > 0) operator.showVideo(all);
+      else if (all.length > 0) operator.showVideo(all.filter((id) => !outOfSight.has(id)));
     };
     look();
     document.addEventListener("visibilitychange", look);
     return () => {
       document.removeEventListener("visibilitychange", look);
     };
-  }, [operator, ids, shown]);
+  }, [operator, ids, outOfSight, shown]);
 }

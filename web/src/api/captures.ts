@@ -1,5 +1,6 @@
 import { BASE } from "./base";
 import type { FieldView } from "../reconstruct/fieldView";
+import { CANCEL_MS } from "./jobs";
 import { request } from "./request";
 
 export type Mode = "optimized" | "standard";
@@ -24,7 +25,9 @@ export async function startCapture(wish: CaptureRequest): Promise<void> {
 
 /** @throws RequestError when it is refused or not answered. */
 export async function changeCapture(captureId: string, verb: CaptureVerb): Promise<void> {
-  await request("POST", `/captures/${encodeURIComponent(captureId)}/${verb}`);
+  const path = `/captures/${encodeURIComponent(captureId)}/${verb}`;
+  // Where only its training is left, an abort waits for the worker.
+  await (verb === "abort" ? request("POST", path, undefined, CANCEL_MS) : request("POST", path));
 }
 
 /** @throws RequestError when it is refused (its drones are on their way down) or not answered. */

@@ -1,7 +1,7 @@
 import { request, requestAll } from "./request";
 
 /** A worker is asked first, then told, and then ended: that may take this long. */
-const CANCEL_MS = 30_000;
+export const CANCEL_MS = 30_000;
 
 /** A background job as it stands. */
 export interface Job {

@@ -1,6 +1,6 @@
 import type { CaptureReport } from "../protocol/messages.gen";
 import { BASE } from "./base";
-import { request, requestAll, requestText } from "./request";
+import { LONG_WORK_MS, request, requestAll, requestText } from "./request";
 
 /** A capture as the library lists it. */
 export interface CaptureEntry {
@@ -84,7 +84,7 @@ export async function getTrainingLog(captureId: string): Promise<string> {
 
 /** Delete a capture and its files for good. @throws RequestError */
 export async function deleteCapture(captureId: string): Promise<void> {
-  await request("DELETE", `/captures/${encodeURIComponent(captureId)}`);
+  await request("DELETE", `/captures/${encodeURIComponent(captureId)}`, undefined, LONG_WORK_MS);
 }
 
 function artifactPath(captureId: string, path: string): string {

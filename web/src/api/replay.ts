@@ -1,4 +1,4 @@
-import { request } from "./request";
+import { LONG_WORK_MS, request } from "./request";
 
 /** A believed camera pose: seconds, world metres, heading in radians. */
 export type WayPoint = readonly [atS: number, x: number, y: number, z: number, heading: number];
@@ -29,5 +29,6 @@ export interface Replay {
 
 /** What a capture's recording shows; the first time its films are made. @throws RequestError */
 export async function getReplay(captureId: string): Promise<Replay> {
-  return (await request("GET", `/captures/${encodeURIComponent(captureId)}/replay`)) as Replay;
+  const path = `/captures/${encodeURIComponent(captureId)}/replay`;
+  return (await request("GET", path, undefined, LONG_WORK_MS)) as Replay;
 }

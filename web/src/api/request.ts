@@ -14,6 +14,8 @@ export class RequestError extends Error {
   }
 }
 
+/** Work on the files of a whole capture may take this long, and longer only where it hangs. */
+export const LONG_WORK_MS = 300_000;
 const MOST_PAGES = 1000;
 const ROOT = `${BASE}/api/v1`;
 
@@ -103,7 +105,7 @@ function readJson(text: string): unknown {
   }
 }
 
-/** The sentence of a problem document (RFC 9457), else the bare status. */
+/** The sentence of a problem document (RFC 9457), else that there is none. */
 function reason(response: Response, text: string): string {
   if (response.status === 401) return words.request.signedOut;
   const type = response.headers.get("Content-Type") ?? "";
@@ -115,11 +117,15 @@ function reason(response: Response, text: string): string {
   }
 }
 
-/** Return title, detail and field errors of a problem document, or null if it is none. */
+/**
+ * Return detail and field errors of a problem document, or null where it has none.
+ *
+ * Its title is HTTP's own phrase, which tells an operator nothing.
+ */
 export function problemText(problem: unknown): string | null {
   if (typeof problem !== "object" || problem === null) return null;
-  const { title, detail, errors } = problem as Record<"title" | "detail" | "errors", unknown>;
-  const parts = [title, detail].filter((part) => typeof part === "string" && part !== "");
+  const { detail, errors } = problem as Record<"detail" | "errors", unknown>;
+  const parts = typeof detail === "string" && detail !== "" ? [detail] : [];
   if (Array.isArray(errors)) {
     for (const error of errors as unknown[]) {
       if (typeof error === "string") parts.push(error);

@@ -1,4 +1,4 @@
-import { request } from "./request";
+import { LONG_WORK_MS, request } from "./request";
 
 /** An end of the known length in one picture, pixels of the picture. */
 interface MarkedEnd {
@@ -22,5 +22,6 @@ export interface ScaleFound {
 
 /** @throws RequestError when it is refused (the marks tell no scale) or not answered. */
 export async function scaleCapture(captureId: string, wish: KnownLengthWish): Promise<ScaleFound> {
-  return (await request("POST", `/captures/${encodeURIComponent(captureId)}/scale`, wish)) as ScaleFound;
+  const path = `/captures/${encodeURIComponent(captureId)}/scale`;
+  return (await request("POST", path, wish, LONG_WORK_MS)) as ScaleFound;
 }

@@ -33,16 +33,16 @@ describe("stopFleet", () => {
 });
 
 describe("problemText", () => {
-  it("joins title, detail and field errors", () => {
+  it("joins detail and field errors, without the phrase of the status", () => {
     const problem = {
-      title: "Not valid",
+      title: "Unprocessable Content",
       detail: "2 errors",
       errors: [{ loc: ["body", "pictures"], msg: "too small" }, "and more"],
     };
-    expect(problemText(problem)).toBe("Not valid — 2 errors — pictures: too small — and more");
+    expect(problemText(problem)).toBe("2 errors — pictures: too small — and more");
   });
 
-  it.each([null, 3, "text", {}, { title: 4 }])("knows that %j is no problem document", (value) => {
+  it.each([null, 3, "text", {}, { title: "Conflict" }, { detail: 4 }])("knows that %j tells no problem", (value) => {
     expect(problemText(value)).toBeNull();
   });
 });

@@ -1,8 +1,9 @@
 import { describe, expect, it } from "vitest";
+import type { FailsafeRow } from "../api/safety";
 import type { DroneReport, FailsafeReport } from "../protocol/messages.gen";
 import { droneReport } from "../state/fixtures";
 import type { DroneState } from "../state/state";
-import { firesNow, newestByRow, tileNews } from "./failsafes";
+import { countdown, firesNow, newestByRow, tileNews } from "./failsafes";
 
 const NOW = 1_000_000;
 
@@ -80,6 +81,53 @@ describe("tileNews", () => {
     expect(tileNews([BATTERY], drone({ battery_pct: 90 }), NOW)).toBeNull();
     const another = drone({ activity: "ground", battery_pct: 12 }, "2026-01-01T10:20:00Z");
     expect(tileNews([BATTERY], another, NOW)).toBeNull();
+  });
+});
+
+function row(event: string, threshold: number, action: FailsafeRow["action"]): FailsafeRow {
+  return { event, threshold, action, unit: "s", description: "", direction: "at_least" };
+}
+
+const TABLE = [
+  row("state_age_s", 3, "land"),
+  row("link_age_s", 4, "hold"),
+  row("link_age_s", 10, "land"),
+  row("video_age_s", 4, "hold"),
+  row("object_age_s", 20, "land"),
+  row("velocity_age_s", 3, "land"),
+  row("pose_sigma_m", 0.7, "hold"),
+];
+
+describe("countdown", () => {
+  const next = (changes: Partial<DroneReport>, nowMs = NOW) => {
+    const coming = countdown(TABLE, drone(changes), nowMs);
+    return coming === null ? null : [coming.row.event, coming.row.action, coming.leftS];
+  };
+
+  it.each([
+    ["state_age_s", 2, "land", 1],
+    ["link_age_s", 2.5, "hold", 1.5],
+    ["link_age_s", 4, "land", 6],
+    ["video_age_s", 3, "hold", 1],
+    ["object_age_s", 12, "land", 8],
+    ["velocity_age_s", 2, "land", 1],
+  ] as const)("%s at %d s: %s in %d s", (event, ageS, action, leftS) => {
+    expect(next({ [event]: ageS })).toEqual([event, action, leftS]);
+  });
+
+  it("goes on while no report comes, and tells the first thing to happen", () => {
+    expect(next({ link_age_s: 2.5, velocity_age_s: 2 }, NOW + 500)).toEqual(["velocity_age_s", "land", 0.5]);
+  });
+
+  it("is quiet on the ground, before half the time, and about what is not an age", () => {
+    expect(next({})).toBeNull();
+    expect(next({ link_age_s: null, object_age_s: null, position_sigma_m: 0.6 })).toBeNull();
+    expect(next({ link_age_s: 3, activity: "ground" })).toBeNull();
+    expect(next({ video_age_s: 3, video_wanted: false })).toBeNull();
+  });
+
+  it("does not threaten a landing drone with a landing", () => {
+    expect(next({ object_age_s: 15, activity: "landing" })).toBeNull();
   });
 });
 

@@ -7,20 +7,30 @@ export type Action = FailsafeReport["action"];
 
 const RANK: Readonly<Record<Action, number>> = { hold: 0, land: 1, land_all: 2, cut: 3 };
 
-/** What a drone reports of the values that the table watches; the others only the server knows. */
-const MEASURED: Readonly<Record<string, (report: DroneReport, elapsedS: number) => number | null>> = {
+/** The events that come nearer by the mere passing of time; a report names their values alike. */
+const AGES = ["state_age_s", "link_age_s", "video_age_s", "object_age_s", "velocity_age_s"] as const;
+
+/** What else a drone reports of the values that the table watches; the others only the server knows. */
+const LEVELS: Readonly<Record<string, (report: DroneReport) => number | null>> = {
   battery_pct: (report) => report.battery_pct,
   temperature_c: (report) => report.temperature_c,
   pose_sigma_m: (report) => report.position_sigma_m,
-  state_age_s: (report, elapsedS) => later(report.state_age_s, elapsedS),
-  video_age_s: (report, elapsedS) => later(report.video_age_s, elapsedS),
 };
 
 /** A drone that came down later than this after a failsafe came down for another reason. */
 const LONGEST_LANDING_S = 60;
 
-function later(ageS: number | null, elapsedS: number): number | null {
-  return ageS === null ? null : ageS + elapsedS;
+function isAge(event: string): event is (typeof AGES)[number] {
+  return AGES.some((age) => age === event);
+}
+
+/** Return an event's value `elapsedS` after the report, null where none is known. */
+function measured(event: string, report: DroneReport, elapsedS: number): number | null {
+  if (isAge(event)) {
+    const ageS = report[event];
+    return ageS === null ? null : ageS + elapsedS;
+  }
+  return Object.hasOwn(LEVELS, event) ? (LEVELS[event]?.(report) ?? null) : null;
 }
 
 /** Return whether what fired still fires, as far as the drone's newest report tells. */
@@ -29,8 +39,7 @@ export function firesNow(fired: FailsafeReport, drone: DroneState | undefined, n
   const { report, receivedMs, activitySince } = drone;
   if (fired.action === "cut") return report.activity === "cut" && fired.at >= activitySince;
   if (!activityFace(report.activity).inAir) return false;
-  const measure = Object.hasOwn(MEASURED, fired.event) ? MEASURED[fired.event] : undefined;
-  const value = measure?.(report, Math.max(0, nowMs - receivedMs) / 1000) ?? null;
+  const value = measured(fired.event, report, Math.max(0, nowMs - receivedMs) / 1000);
   if (value !== null) {
     return fired.event === "battery_pct" ? value <= fired.threshold : value >= fired.threshold;
   }
@@ -90,9 +99,11 @@ export function countdown(
   const elapsedS = Math.max(0, nowMs - receivedMs) / 1000;
   let next: Countdown | null = null;
   for (const row of table) {
-    if (row.event !== "state_age_s" && row.event !== "video_age_s") continue;
+    if (!isAge(row.event)) continue;
     if (row.event === "video_age_s" && !report.video_wanted) continue;
-    const ageS = MEASURED[row.event]?.(report, elapsedS) ?? null;
+    // What lands already is neither held nor landed.
+    if (report.activity === "landing" && (row.action === "hold" || row.action === "land")) continue;
+    const ageS = measured(row.event, report, elapsedS);
     if (ageS === null || ageS >= row.threshold) continue;
     const earlier = table.some(
       (other) => other.event === row.event && other.threshold < row.threshold && ageS >= other.threshold,

@@ -15,6 +15,8 @@ import { activityFace } from "./activity";
 
 /** A state report older than this is marked: ten reports a second are normal. */
 const OLD_STATE_S = 1;
+/** An answer older than this is marked: two questions a second are normal. */
+const OLD_LINK_S = 1.3;
 const LOW_BATTERY_PCT = 35;
 const EMPTY_BATTERY_PCT = 20;
 const HOT_C = 85;
@@ -60,8 +62,10 @@ function Battery({ percent }: { readonly percent: number | null }) {
 function Telemetry({ drone: { report, receivedMs } }: { readonly drone: DroneState }) {
   const nowMs = useNow(250);
   const names = words.fly.telemetry;
-  const stateAgeS =
-    report.state_age_s === null ? null : report.state_age_s + Math.max(0, nowMs - receivedMs) / 1000;
+  const elapsedS = Math.max(0, nowMs - receivedMs) / 1000;
+  const stateAgeS = report.state_age_s === null ? null : report.state_age_s + elapsedS;
+  // Known in flight only: on the ground its silence is no fault.
+  const linkAgeS = report.link_age_s === null ? null : report.link_age_s + elapsedS;
   const hot = report.temperature_c !== null && report.temperature_c >= HOT_C;
   return (
     <dl className="telemetry">
@@ -74,6 +78,7 @@ function Telemetry({ drone: { report, receivedMs } }: { readonly drone: DroneSta
         value={age(stateAgeS)}
         marked={stateAgeS === null || stateAgeS > OLD_STATE_S}
       />
+      <Value word={names.linkAge} value={age(linkAgeS)} marked={linkAgeS !== null && linkAgeS > OLD_LINK_S} />
     </dl>
   );
 }

@@ -1,5 +1,5 @@
-import { useRef } from "react";
-import { useConsole } from "../context";
+import { useEffect, useRef, type RefObject } from "react";
+import { useConsole, useOperator } from "../context";
 import { age } from "../design/format";
 import { Icon } from "../design/Icon";
 import type { DroneState } from "../state/state";
@@ -26,6 +26,7 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
   const frame = useRef<HTMLElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
   const { ageS, shownPerS, damaged } = useTile(droneId, { name, colour }, frame, canvas);
+  useSight(droneId, canvas);
   const { video_wanted: wanted } = drone.report;
   const gone = ageS === null || ageS > GONE_S || !wanted;
   const old = !gone && ageS > OLD_S;
@@ -82,4 +83,21 @@ export function VideoTile({ drone, size, onToggle }: VideoTileProps) {
       <DroneCard drone={drone} brief={size === "small"} />
     </article>
   );
+}
+
+/** Say when the picture is scrolled out of sight: it need not be sent then. */
+function useSight(droneId: string, canvas: RefObject<HTMLCanvasElement | null>): void {
+  const { tiles } = useOperator();
+  useEffect(() => {
+    const element = canvas.current;
+    if (element === null) return;
+    const observer = new IntersectionObserver((entries) => {
+      tiles.setInSight(droneId, entries.at(-1)?.isIntersecting ?? true);
+    });
+    observer.observe(element);
+    return () => {
+      observer.disconnect();
+      tiles.setInSight(droneId, true);
+    };
+  }, [tiles, droneId, canvas]);
 }

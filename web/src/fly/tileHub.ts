@@ -9,6 +9,8 @@ export type TileSink = (tile: Tile) => Promise<void>;
  */
 export class TileHub {
   readonly #sinks = new Map<string, TileSink>();
+  readonly #listeners = new Set<() => void>();
+  #outOfSight: ReadonlySet<string> = new Set();
 
   /** Show `droneId`'s pictures through `sink`; returns the way back. */
   attach(droneId: string, sink: TileSink): () => void {
@@ -22,4 +24,25 @@ export class TileHub {
   async show(tile: Tile): Promise<void> {
     await this.#sinks.get(tile.header.drone_id)?.(tile);
   }
+
+  /** The drones whose tile is scrolled out of sight; the same object until that changes. */
+  readonly outOfSight = (): ReadonlySet<string> => this.#outOfSight;
+
+  /** Say whether a drone's tile is in sight; one that says nothing is. */
+  setInSight(droneId: string, inSight: boolean): void {
+    if (inSight !== this.#outOfSight.has(droneId)) return;
+    const next = new Set(this.#outOfSight);
+    if (inSight) next.delete(droneId);
+    else next.add(droneId);
+    this.#outOfSight = next;
+    for (const changed of this.#listeners) changed();
+  }
+
+  /** Be told when a tile comes into sight or leaves it; returns the way back. */
+  readonly subscribe = (changed: () => void): (() => void) => {
+    this.#listeners.add(changed);
+    return () => {
+      this.#listeners.delete(changed);
+    };
+  };
 }

@@ -73,7 +73,8 @@ export function useTile(
       };
     });
     const timer = setInterval(() => {
-      setStats(statsAt(shown, Date.now()));
+      // Out of sight no pictures are sent: coming back, the tile must not cry for want of them.
+      if (!tiles.outOfSight().has(droneId)) setStats(statsAt(shown, Date.now()));
     }, LOOK_EVERY_MS);
     return () => {
       detach();

@@ -36,9 +36,12 @@ export interface DroneReport {
   readonly video_fps: number;
   readonly position_sigma_m: number | null;
   readonly video_wanted: boolean;
+  readonly link_age_s: number | null;
+  readonly object_age_s: number | null;
+  readonly velocity_age_s: number | null;
 }
 
-/** The capture as it stands, whenever it changes. */
+/** The capture as it stands, whenever it changes. ``entered`` is by phase when it was entered for the first time, in that order. */
 export interface CaptureReport {
   readonly type: "capture_changed";
   readonly at: string;
@@ -55,6 +58,7 @@ export interface CaptureReport {
   readonly images: number;
   readonly images_total: number;
   readonly commanded: number;
+  readonly entered: Readonly<Record<string, string>>;
 }
 
 /** A picture is on disk; the thumbnail is a data URL. ``sharpness`` is for comparison with other pictures of the capture alone. ``damaged_before`` counts the damaged pictures of the drone that were passed over for this one. */

@@ -4,6 +4,7 @@ import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { listenForHold } from "../fly/holdKey";
+import { forwardPageKeys } from "../shell/pageKeys";
 import { words } from "../text/words";
 
 const RETRY_MS = 5000;
@@ -95,7 +96,12 @@ function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
       onDown(!isScene);
       // Keys pressed in the frame do not reach this page, and HOLD must work there too.
       if (inside !== null && isScene) {
-        forget = listenForHold(inside, () => void operator.stop("hold"));
+        const forgetHold = listenForHold(inside, () => void operator.stop("hold"));
+        const forgetKeys = forwardPageKeys(inside, window);
+        forget = () => {
+          forgetHold();
+          forgetKeys();
+        };
       }
     };
     element.addEventListener("load", loaded);

@@ -1,14 +1,13 @@
 import { useEffect, useRef } from "react";
-import { takesText, type KeyTarget } from "../fly/holdKey";
 import { words } from "../text/words";
+import { asksForKeys } from "./pageKeys";
 
 /** What the keyboard does everywhere; the key ? shows and hides it. It never lies over the stops. */
 export function KeysHelp() {
   const sheet = useRef<HTMLDivElement>(null);
   useEffect(() => {
     const press = (event: KeyboardEvent) => {
-      if (event.key !== "?" || takesText(event.target as KeyTarget | null)) return;
-      sheet.current?.togglePopover();
+      if (asksForKeys(event)) sheet.current?.togglePopover();
     };
     window.addEventListener("keydown", press);
     return () => {

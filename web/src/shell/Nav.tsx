@@ -1,8 +1,8 @@
 import { useEffect } from "react";
 import { Icon } from "../design/Icon";
-import { takesText, type KeyTarget } from "../fly/holdKey";
 import { words } from "../text/words";
 import { KeysHelp } from "./KeysHelp";
+import { screenOfKey } from "./pageKeys";
 import { hashOfScreen, SCREEN_ICON, SCREENS, screenWord, type Screen } from "./screens";
 
 /** The way from screen to screen: links, and the keys 1 to 5. */
@@ -32,12 +32,8 @@ export function Nav({ screen }: { readonly screen: Screen }) {
 function useNumberKeys(): void {
   useEffect(() => {
     const press = (event: KeyboardEvent) => {
-      if (event.ctrlKey || event.altKey || event.metaKey || event.shiftKey || event.repeat) return;
-      const target = event.target as KeyTarget | null;
-      // Number fields take digits, too.
-      if (takesText(target) || target?.tagName === "INPUT" || target?.tagName === "SELECT") return;
-      const screen = SCREENS[Number(event.key) - 1];
-      if (screen !== undefined) location.hash = hashOfScreen(screen);
+      const screen = screenOfKey(event);
+      if (screen !== null) location.hash = hashOfScreen(screen);
     };
     window.addEventListener("keydown", press);
     return () => {

@@ -21,6 +21,9 @@ export function droneReport(changes: Partial<DroneReport> = {}): DroneReport {
     video_fps: 15,
     position_sigma_m: 0.05,
     video_wanted: true,
+    link_age_s: 0.2,
+    object_age_s: 0.1,
+    velocity_age_s: 0,
     ...changes,
   };
 }

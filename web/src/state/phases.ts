@@ -30,6 +30,18 @@ const STEP_OF_PHASE: Readonly<Record<string, Step>> = {
   done: "done",
 };
 
+/** Return by step when it was entered, from the same by phase in the order of entering. */
+export function stepsEntered(
+  phases: Readonly<Record<string, string>>,
+): Readonly<Partial<Record<Step, string>>> {
+  const steps: Partial<Record<Step, string>> = {};
+  for (const [phase, at] of Object.entries(phases)) {
+    const step = stepOfPhase(phase, null);
+    if (step !== null) steps[step] ??= at;
+  }
+  return steps;
+}
+
 /** Stages of the training that come before the field's own, with null for none yet. */
 const REFINING: ReadonlySet<string | null> = new Set([null, "live", "refine", "masks"]);
 

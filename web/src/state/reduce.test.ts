@@ -33,6 +33,7 @@ function capture(id: string, changes: Partial<CaptureReport> = {}): CaptureRepor
     images: 0,
     images_total: 24,
     commanded: 0,
+    entered: {},
     ...changes,
   };
 }
@@ -258,6 +259,21 @@ describe("reduce: capture", () => {
   it("keeps the step where a capture ended early", () => {
     const state = after([capture("1", { phase: "seed" }), capture("1", { phase: "ended", state: "failed" })]);
     expect(state.step).toBe("seed");
+  });
+
+  it("knows from the report when the steps began, also where it comes late", () => {
+    const entered = { plan: "10:01", fly: "10:02", tune: "10:03", capture: "10:04" };
+    const late = after([
+      { type: "stream_opened" },
+      capture("1", { phase: "capture", at: "10:20", entered }),
+      drone("a"),
+    ]);
+    expect(late.stepEntered).toEqual({ plan: "10:01", rounds: "10:02" });
+    const next = { ...entered, land: "10:30" };
+    const landing = after([capture("1", { phase: "land", at: "10:31", entered: next })], late);
+    expect(landing.stepEntered).toEqual({ plan: "10:01", rounds: "10:02", land: "10:30" });
+    const another = after([capture("2", { at: "11:00", entered: { preflight: "10:59" } })], landing);
+    expect(another.stepEntered).toEqual({ preflight: "10:59" });
   });
 
   it("tells refining from training by the training's stage", () => {

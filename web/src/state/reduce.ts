@@ -7,7 +7,7 @@ import type {
 } from "../protocol/messages.gen";
 import { words } from "../text/words";
 import { withReport } from "./history";
-import { stepOfPhase, STEPS, type Step } from "./phases";
+import { stepOfPhase, STEPS, stepsEntered, type Step } from "./phases";
 import { appendReport } from "./series";
 import {
   isActive,
@@ -308,12 +308,15 @@ function withPicture(
  */
 function withCapture(mission: Mission, capture: CaptureReport, live: boolean): Mission {
   const current = mission.capture;
+  // A browser that comes late knows from the report alone when the steps before were entered.
+  const entered = stepsEntered(capture.entered);
   if (current === null || current.id === capture.id) {
-    return withStep({ ...missionOf(mission), capture }, capture.at);
+    const stepEntered = { ...mission.stepEntered, ...entered };
+    return withStep({ ...missionOf(mission), capture, stepEntered }, capture.at);
   }
   if (!isActive(capture) && (isActive(current) || capture.at < current.at)) return mission;
   const findings = live ? NO_FINDINGS : mission.findings;
-  return withStep({ capture, step: null, stepEntered: {}, findings }, capture.at);
+  return withStep({ capture, step: null, stepEntered: entered, findings }, capture.at);
 }
 
 /** Move the timeline to where capture and training stand; it never moves back. */
@@ -321,7 +324,7 @@ function withStep(mission: Mission, at: string): Mission {
   if (mission.capture === null) return mission;
   const step = stepOfPhase(mission.capture.phase, mission.findings.training?.stage ?? null);
   if (step === null || step === mission.step || isBefore(step, mission.step)) return mission;
-  return { ...mission, step, stepEntered: { ...mission.stepEntered, [step]: at } };
+  return { ...mission, step, stepEntered: { [step]: at, ...mission.stepEntered } };
 }
 
 function isBefore(step: Step, other: Step | null): boolean {

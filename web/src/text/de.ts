@@ -45,12 +45,15 @@ export const de: Catalogue = {
     signIn: "Neu anmelden",
   },
   request: {
-    late: (seconds) => `keine Antwort in ${seconds} s`,
-    unreachable: "der Server ist nicht zu erreichen",
-    notJson: "die Antwort war nicht zu lesen",
-    endless: "die Liste nahm kein Ende",
-    signedOut: "dieser Browser ist nicht angemeldet",
-    refused: (status) => `abgelehnt (HTTP ${status})`,
+    late: (seconds) =>
+      `keine Antwort in ${seconds} s. Die Konsole ist beschäftigt und tut es vielleicht noch: erst nachsehen, dann wieder versuchen`,
+    unreachable:
+      "die Konsole ist nicht zu erreichen. Drohnen in der Luft brauchen diese Seite nicht: ihre Notfallregeln wachen weiter. Die Seite verbindet sich von selbst wieder; wenn nicht, dann Netz prüfen und ob die Konsole läuft",
+    notJson: "die Antwort war nicht zu lesen. Seite neu laden: sie ist vielleicht älter als die Konsole",
+    endless: "die Liste nahm kein Ende. Seite neu laden: sie ist vielleicht älter als die Konsole",
+    signedOut: "dieser Browser ist nicht mehr angemeldet. Wieder anmelden",
+    refused: (status) =>
+      `ohne Angabe von Gründen abgelehnt (Status ${status}). Vielleicht steht mehr im Protokoll der Konsole`,
   },
   stop: {
     group: "Stopps für alle Drohnen",
@@ -206,6 +209,7 @@ export const de: Catalogue = {
       speed: "Tempo",
       temperature: "Temp.",
       stateAge: "Stand",
+      linkAge: "Link",
       sigma: "Ort ±",
     },
     activity: {

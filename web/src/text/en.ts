@@ -43,12 +43,14 @@ export const en = {
     signIn: "Sign in again",
   },
   request: {
-    late: (seconds: number) => `no answer within ${seconds} s`,
-    unreachable: "the server cannot be reached",
-    notJson: "the answer could not be read",
-    endless: "the list has no end",
-    signedOut: "this browser is not signed in",
-    refused: (status: number) => `refused (HTTP ${status})`,
+    late: (seconds: number) =>
+      `no answer within ${seconds} s. The console is busy and may still do it: look before you ask again`,
+    unreachable:
+      "the console cannot be reached. Drones in the air do not need this page: their failsafes go on. The page reconnects by itself; if it does not, check the network and whether the console runs",
+    notJson: "the answer could not be read. Reload the page: it may be older than the console",
+    endless: "the list has no end. Reload the page: it may be older than the console",
+    signedOut: "this browser is not signed in any more. Sign in again",
+    refused: (status: number) => `refused without a reason (status ${status}). The console's log may tell it`,
   },
   stop: {
     group: "Stops for all drones",
@@ -203,6 +205,7 @@ export const en = {
       speed: "Speed",
       temperature: "Temp.",
       stateAge: "State",
+      linkAge: "Link",
       sigma: "Pos. ±",
     },
     activity: {
