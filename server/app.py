@@ -28,6 +28,7 @@ from server.api.access import KeyRing
 from server.api.config import ApiConfig
 from server.api.door import Door
 from server.api.serving import uvicorn_config
+from server.api.sessions import Sessions
 from server.api.web import make_web
 from server.jobs.book import JobBook
 from server.jobs.local import LocalRunner
@@ -367,8 +368,10 @@ async def console(
         )
         await stack.enter_async_context(at_work(librarian))
         token = settings.open_token()
-        door = Door(KeyRing(token, settings.token_registry()), prefix=settings.path_prefix)
         config = ApiConfig(webhook=settings.webhook)
+        sessions = Sessions(config.door.sessions, config.door.session_s, settings.session_file())
+        ring = KeyRing(token, settings.token_registry())
+        door = Door(ring, prefix=settings.path_prefix, sessions=sessions)
         web = make_web(control, fleet, book, door, scene_port, _DIST, version("dronerf"), config)
         server = _Server(uvicorn_config(web, tls=settings.tls()))
         # Whoever reads the address may connect at once; until the server is up, that waits.

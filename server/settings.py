@@ -165,6 +165,10 @@ class Settings(BaseSettings):
         """Return the file that keeps the digests of all other tokens."""
         return self.runs / ".tokens.json"
 
+    def session_file(self) -> Path:
+        """Return the file that keeps the digests of signed-in browsers' sessions."""
+        return self.runs / ".sessions.json"
+
     def tls(self) -> tuple[Path, Path] | None:
         """Return certificate and key, None to speak plain HTTP.
 

@@ -15,8 +15,8 @@ program that shows a wrong one must not keep others at the same address from the
 
 from __future__ import annotations
 
+import asyncio
 import math
-import secrets
 import time
 from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
@@ -26,11 +26,12 @@ from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from server.api.access import Key, KeyRing, Role, allows, digest
+from server.api.access import Key, KeyRing, Role, allows
 from server.api.attempts import Attempts
 from server.api.config import DoorConfig
 from server.api.pages import login_page
 from server.api.problems import problem_response
+from server.api.sessions import Sessions
 
 OPEN_PATHS = frozenset({"/livez", "/readyz"})
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -61,6 +62,7 @@ class Door:
 
     Attributes:
         attempts: Counts wrong tokens at the sign-in.
+        sessions: The browsers that are signed in.
         cookie_name: Name of the session cookie. Browsers share cookies between the ports of a
             host, so the name differs from token to token and two consoles on one machine do not
             sign each other's browsers out.
@@ -73,13 +75,14 @@ class Door:
         config: DoorConfig | None = None,
         clock: Callable[[], float] = time.monotonic,
         prefix: str = "",
+        sessions: Sessions | None = None,
     ) -> None:
-        """Make a door that opens to the tokens of ``ring``."""
+        """Make a door that opens to the tokens of ``ring``, and to ``sessions`` from before."""
         self.ring = ring
         self.prefix = prefix
         self._config = config or DoorConfig()
         self._clock = clock
-        self._sessions: dict[str, tuple[str, float]] = {}
+        self.sessions = sessions or Sessions(self._config.sessions, self._config.session_s)
         self.attempts = Attempts(self._config.attempts, self._config.attempts_s)
         self.cookie_name = f"dronerf_session_{ring.own.digest[:8]}"
 
@@ -97,27 +100,9 @@ class Door:
             self.attempts.note(address, self._clock())
         return key
 
-    def open_session(self, key: Key) -> str:
-        """Return a new session id; the oldest session is forgotten when there are too many."""
-        while len(self._sessions) >= self._config.sessions:
-            del self._sessions[next(iter(self._sessions))]
-        session_id = secrets.token_urlsafe(32)
-        # Only digests are kept and looked up, so timing tells nothing about a valid id.
-        self._sessions[digest(session_id)] = (key.id, self._clock() + self._config.session_s)
-        return session_id
-
-    def session(self, session_id: str) -> Key | None:
-        """Return whose session this is; None when it has run out or its token was taken back."""
-        name = digest(session_id)
-        key_id, ends_s = self._sessions.get(name, ("", 0.0))
-        if self._clock() < ends_s:
-            return self.ring.get(key_id)
-        self._sessions.pop(name, None)
-        return None
-
     def end_session(self, headers: Headers) -> None:
         """Forget the session that a request shows, if any."""
-        self._sessions.pop(digest(_cookie(headers, self.cookie_name) or ""), None)
+        self.sessions.end(_cookie(headers, self.cookie_name) or "")
 
     def visitor(self, headers: Headers) -> Key | None:
         """Return whose token or session a request with ``headers`` shows, None without any."""
@@ -127,13 +112,13 @@ class Door:
             if found is not None:
                 return found
         session_id = _cookie(headers, self.cookie_name)
-        return None if session_id is None else self.session(session_id)
+        return None if session_id is None else self.sessions.key(session_id, self.ring)
 
     def set_cookie(self, response: Response, key: Key, secure: bool) -> None:
         """Open a session and put its cookie on ``response``."""
         response.set_cookie(
             self.cookie_name,
-            self.open_session(key),
+            self.sessions.open(key),
             max_age=int(self._config.session_s),
             path=f"{self.prefix}/",
             secure=secure,
@@ -201,12 +186,13 @@ class DoorKeeper:
         if method == "GET" and path == "/":
             fields = parse_qs(scope["query_string"].decode("latin-1"))
             if "token" in fields:
-                return self._exchange(fields["token"][-1], scope)
+                return await self._exchange(fields["token"][-1], scope)
         if method == "POST" and path == "/login":
             body = await _body(receive)
-            return self._exchange(_form_token(body), scope)
+            return await self._exchange(_form_token(body), scope)
         if method == "POST" and path == "/logout":
             self._door.end_session(headers)
+            await asyncio.to_thread(self._door.sessions.save)
             return RedirectResponse("/", status_code=303, headers={"Cache-Control": "no-store"})
         visitor = self._door.visitor(headers)
         if visitor is not None:
@@ -221,7 +207,7 @@ class DoorKeeper:
             headers={"WWW-Authenticate": 'Bearer realm="dronerf"'},
         )
 
-    def _exchange(self, token: str, scope: Scope) -> Response:
+    async def _exchange(self, token: str, scope: Scope) -> Response:
         client = scope.get("client")
         try:
             found = self._door.sign_in(token, client[0] if client else "")
@@ -232,6 +218,7 @@ class DoorKeeper:
         # 303 turns the form's POST into a GET and takes the token out of the address bar.
         response = RedirectResponse("/", status_code=303, headers={"Cache-Control": "no-store"})
         self._door.set_cookie(response, found, secure=scope.get("scheme") == "https")
+        await asyncio.to_thread(self._door.sessions.save)
         return response
 
 

@@ -14,7 +14,6 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus
 
 from server.api.access import KeyRing
-from server.api.config import DoorConfig
 from server.api.door import Door, is_own_origin
 
 RING = KeyRing(TOKEN)
@@ -43,26 +42,9 @@ def test_tokens_that_no_header_can_carry_are_refused(token: str) -> None:
         KeyRing(token)
 
 
-def test_a_session_runs_out() -> None:
-    clock = Clock()
-    door = Door(RING, DoorConfig(session_s=10.0), clock)
-    session_id = door.open_session(RING.own)
-    assert door.session(session_id) == RING.own
-    clock.now_s = 9.9
-    assert door.session(session_id) == RING.own
-    clock.now_s = 10.0
-    assert door.session(session_id) is None
-
-
-def test_the_oldest_session_is_forgotten_first() -> None:
-    door = Door(RING, DoorConfig(sessions=2))
-    first, second, third = (door.open_session(RING.own) for _ in range(3))
-    assert [door.session(s) is not None for s in (first, second, third)] == [False, True, True]
-
-
 def test_a_session_id_is_neither_token_nor_bearer() -> None:
     door = Door(RING)
-    session_id = door.open_session(RING.own)
+    session_id = door.sessions.open(RING.own)
     assert TOKEN not in session_id
     assert door.visitor(bearer(session_id)) is None
     assert door.visitor(Headers({"cookie": f"{door.cookie_name}={TOKEN}"})) is None

@@ -15,6 +15,7 @@ from server.mission.eyes import Sight
 from server.mission.phases import Phase, Progress
 from server.mission.state import MissionState
 from server.mission.steps import Steps
+from server.planner.config import PlannerConfig
 from server.stages import Assignment, CameraPose, Frame, Priority, Region, View, Viewpoint
 from server.vision.box import box_from_region
 from server.vision.config import SeedConfig
@@ -58,7 +59,7 @@ class Rig:
             photographer.taken = len(DRONES)
             return []
 
-        photographer = SimpleNamespace(taken=0, take_all=take_all)
+        photographer = SimpleNamespace(taken=0, poses=[], take_all=take_all)
 
         tools = SimpleNamespace(
             fleet=SimpleNamespace(drones=dict.fromkeys(DRONES, drone)),
@@ -70,7 +71,9 @@ class Rig:
             },
             pilot=self.pilot,
             events=self.events,
-            config=SimpleNamespace(mission=None, vision=SimpleNamespace(seed=CONFIG)),
+            config=SimpleNamespace(
+                mission=None, vision=SimpleNamespace(seed=CONFIG), planner=PlannerConfig()
+            ),
             photographer=photographer,
             planning=None,
             no_go=None,
