@@ -74,6 +74,7 @@ class CaptureLayer:
         self._colours: dict[str, Rgb] = {}
         self._boxes: dict[str, LineSegmentsHandle] = {}
         self._planned: dict[str, _Planned] = {}
+        self._routes: list[LineSegmentsHandle] = []
         self._ring: list[CameraFrustumHandle] = []
         self._spare: PointCloudHandle | None = None
         self._seen: PointCloudHandle | None = None
@@ -92,12 +93,13 @@ class CaptureLayer:
         self._capture_id = capture_id
         nodes = [*self._boxes.values(), *self._pictures.values()]
         nodes += [planned.node for planned in self._planned.values()]
-        nodes += self._ring
+        nodes += [*self._ring, *self._routes]
         nodes += [node for node in (self._preview, self._spare, self._seen) if node is not None]
         for node in nodes:
             node.visible = False
         self._planned.clear()
         self._ring.clear()
+        self._routes.clear()
         self._spare = self._seen = None
         self._pictures.clear()
         return True
@@ -130,12 +132,13 @@ class CaptureLayer:
         self._draw_boxes("priorities", boxes, _PRIORITY, 4.0)
 
     def draw_plan(self, event: PlanFound) -> None:
-        """Draw the planned viewpoints in their drones' colours, and the ring to compare with.
+        """Draw planned viewpoints and routes in their drones' colours, and the ring beside them.
 
         The candidates left over are points, the brighter the more a picture from there would add.
         The former plan is hidden.
         """
-        for node in (*(planned.node for planned in self._planned.values()), *self._ring):
+        planned = [planned.node for planned in self._planned.values()]
+        for node in (*planned, *self._ring, *self._routes):
             node.visible = False
         self._planned = {
             name: _Planned(node, drone_id, viewpoint.position_world)
@@ -143,8 +146,26 @@ class CaptureLayer:
         }
         ring = [] if event.ring is None else self._viewpoints("/ring", event.ring)
         self._ring = [node for *_, node in ring]
+        self._routes = self._draw_routes(event.assignment)
         self._draw_spare(event.placement)
         self._show_chosen()
+
+    def _draw_routes(self, assignment: Assignment) -> list[LineSegmentsHandle]:
+        ways: dict[str, list[NDArray[np.float64]]] = {}
+        for row in assignment.rounds:
+            for drone_id, viewpoint in row.items():
+                ways.setdefault(drone_id, []).append(viewpoint.position_world)
+        return [
+            self._scene.add_line_segments(
+                f"/plan/routes/{node_name(drone_id)}",
+                points=np.stack([way[:-1], way[1:]], axis=1).astype(np.float32),
+                colors=dimmed(self._colours.get(drone_id, _UNKNOWN)),
+                thickness=1.0,
+                thickness_units="screen",
+            )
+            for drone_id, way in ways.items()
+            if len(way) > 1
+        ]
 
     def _draw_spare(self, placement: Placement) -> None:
         if not placement.spare:
@@ -171,6 +192,8 @@ class CaptureLayer:
     def _show_chosen(self) -> None:
         for planned in self._planned.values():
             planned.node.visible = self._shown != "ring"
+        for route in self._routes:
+            route.visible = self._shown != "ring"
         for node in self._ring:
             node.visible = self._shown != "planned"
         if self._spare is not None:

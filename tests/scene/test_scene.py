@@ -267,6 +267,20 @@ def test_a_taken_picture_dims_the_viewpoint_it_was_planned_for(drawn: Drawn) -> 
     assert drawn.frustum("/plan/00/d1").color == dimmed(BLUE)
 
 
+def test_a_route_goes_from_viewpoint_to_viewpoint_and_away_with_its_plan(drawn: Drawn) -> None:
+    drawn.draw(pose(), plan(0.0, 1.0, 2.0))
+    route = drawn.node("/plan/routes/d1")
+    assert isinstance(route, viser.LineSegmentsHandle)
+    points = np.asarray(route.points)
+    assert points.shape == (2, 2, 3)
+    np.testing.assert_array_equal(points[0, 1], points[1, 0])
+    assert route.visible
+    drawn.draw(PlanViewChosen("ring"))
+    assert not route.visible
+    drawn.draw(PlanViewChosen("planned"), plan(0.5))
+    assert not drawn.node("/plan/routes/d1").visible
+
+
 def test_a_new_plan_hides_the_old_one(drawn: Drawn) -> None:
     drawn.draw(pose(), plan(0.0, 1.0, 2.0), plan(0.5))
     visible = [drawn.node(f"/plan/{index:02d}/d1").visible for index in range(3)]
