@@ -12,6 +12,7 @@ the blocks back from the tiles' canvases at every animation frame. What it tells
   ``misread``: numbers that cannot be right;
 * ``first_paint_ms`` of a load from loopback; ``frame_ms``: from the start of an animation frame to
   the first moment that the main thread was free again; ``interval_ms`` between animation frames;
+  ``scene_...``: the same on the Plan screen afterwards, with the 3D scene drawn by software;
 * ``heap_mb``: the page's script heap after a collection, at the start and at the end.
 
 The machine is busy with drones, coder, console and browser at once.
@@ -44,6 +45,7 @@ _CODINGS = ("h264", "jpeg")
 
 _FPS = 30.0
 _SECONDS, _QUICK_SECONDS = 1200.0, 60.0
+_SCENE_SECONDS = 120.0
 _WARM_UP_S = 10.0
 _SCREEN_PX = 1440, 900
 # Chromium without a GPU, that asks nobody anything.
@@ -197,6 +199,13 @@ async def _measure(coding: str, seconds: float, folder: Path) -> dict[str, Any]:
                 ]
         took_s = time.monotonic() - begun_s
         heap_mb.append(await _heap_mb(tools))
+        await page.evaluate("location.hash = '#/plan'")
+        scene = page.frame_locator("[data-testid=scene-frame]")
+        await scene.locator("canvas").first.wait_for()
+        await asyncio.sleep(_WARM_UP_S)
+        await page.evaluate("probe()")
+        await asyncio.sleep(min(_SCENE_SECONDS, seconds))
+        with_scene = await page.evaluate("probe()")
     return {
         "seconds": round(took_s, 1),
         "sent_per_s": _FPS,
@@ -207,6 +216,8 @@ async def _measure(coding: str, seconds: float, folder: Path) -> dict[str, Any]:
         "first_paint_ms": None if paint_ms is None else round(paint_ms, 1),
         "frame_ms": percentiles(frames_ms),
         "interval_ms": percentiles(intervals_ms),
+        "scene_frame_ms": percentiles(with_scene["frames"]),
+        "scene_interval_ms": percentiles(with_scene["intervals"]),
         "heap_mb": {"first": heap_mb[0], "last": heap_mb[1]},
     }
 
