@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Iterable
 from typing import Annotated
 
 from fastapi import APIRouter, Header
@@ -12,10 +13,12 @@ from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict
 
 from server.api.command import CommandDesk
+from server.api.journal import Journal
 from server.api.messages import DroneReport
 from server.api.problems import ProblemError, described
 from server.api.translate import message_from_event
 from server.mission.commands import DroneCommand, MissionControl, StopCommand
+from server.mission.events import DroneReported
 from server.stages import StopControl
 
 logger = logging.getLogger(__name__)
@@ -36,8 +39,17 @@ class CommandAccepted(BaseModel):
     drone_id: str | None
 
 
+def _reports(events: Iterable[DroneReported]) -> list[DroneReport]:
+    reports = (message_from_event(event) for event in events)
+    return [report for report in reports if isinstance(report, DroneReport)]
+
+
 def make_drones_router(
-    mission: MissionControl, stops: StopControl, desk: CommandDesk, command_wait_s: float
+    mission: MissionControl,
+    stops: StopControl,
+    desk: CommandDesk,
+    journal: Journal,
+    command_wait_s: float,
 ) -> APIRouter:
     """Return the routes below ``/drones`` and ``/fleet``.
 
@@ -127,8 +139,12 @@ def make_drones_router(
     @router.get("/drones", operation_id="listDrones", responses=described())
     async def list_drones() -> list[DroneReport]:
         """Return the newest report of every drone, in fleet order."""
-        reports = [message_from_event(event) for event in mission.drones()]
-        return [report for report in reports if isinstance(report, DroneReport)]
+        return _reports(mission.drones())
+
+    @router.get("/drones/history", operation_id="listDroneHistory", responses=described())
+    async def list_history() -> list[DroneReport]:
+        """Return what the drones reported over the last quarter of an hour, every five seconds."""
+        return _reports(journal.course.reports())
 
     @router.get(
         "/drones/{drone_id}/frame.jpg",

@@ -10,10 +10,12 @@ import logging
 from collections import Counter, deque
 from dataclasses import dataclass
 
+from server.api.course import Course
 from server.api.video_counts import VideoCounts
 from server.mission.events import (
     CaptureChanged,
     CaptureTaken,
+    DroneReported,
     Event,
     EventStream,
     FailsafeFired,
@@ -57,6 +59,7 @@ class Journal:
         plan_view: Which viewpoints the 3D scene shows, None before anybody chose.
         pictures: The newest capture's pictures by their index.
         video: Counts of annotated pictures.
+        course: What the drones reported over the last minutes.
         failsafes: How often each row of the failsafe table fired, by (event, action).
         healthy: True while events are being followed.
     """
@@ -71,6 +74,7 @@ class Journal:
         self.plan_view: PlanViewChosen | None = None
         self.pictures: dict[int, CaptureTaken] = {}
         self.video = VideoCounts()
+        self.course = Course()
         self.failsafes: Counter[tuple[str, str]] = Counter()
         self.healthy = False
 
@@ -79,6 +83,8 @@ class Journal:
         match event:
             case FrameAnnotated():
                 self.video.record(event)
+            case DroneReported():
+                self.course.record(event)
             case FailsafeFired(event=row, action=action):
                 self.failsafes[row, action] += 1
             case Noted():

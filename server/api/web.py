@@ -104,7 +104,7 @@ def make_web(
     async def openapi() -> dict[str, Any]:
         return document
 
-    web.include_router(make_drones_router(mission, stops, desk, config.command_wait_s))
+    web.include_router(make_drones_router(mission, stops, desk, journal, config.command_wait_s))
     web.include_router(make_safety_router(mission))
     web.include_router(make_objects_router(mission, desk))
     web.include_router(make_no_go_router(mission, desk))

@@ -1,10 +1,13 @@
 import { useEffect, useRef, useState, useSyncExternalStore } from "react";
 import type { CaptureRequest } from "./api/captures";
+import { getHistory } from "./api/history";
+import { getFailsafes, type FailsafeRow } from "./api/safety";
+import { useTold } from "./api/useTold";
 import { useConsole, useOperator } from "./context";
-import { useFailsafeTable } from "./failsafe/useFailsafeTable";
 import { FlyScreen } from "./fly/FlyScreen";
 import { Header } from "./Header";
 import { LibraryScreen } from "./library/LibraryScreen";
+import type { DroneReport } from "./protocol/messages.gen";
 import { PlanScreen } from "./plan/PlanScreen";
 import { PreflightSheet } from "./preflight/PreflightSheet";
 import { ReconstructScreen } from "./reconstruct/ReconstructScreen";
@@ -13,12 +16,16 @@ import { ScreenBoundary } from "./shell/ScreenBoundary";
 import { screenOfHash, screenWord, useHash, type Screen } from "./shell/screens";
 import { words } from "./text/words";
 
+const failsafesKnown = (rows: readonly FailsafeRow[]) => ({ type: "failsafes_known", rows }) as const;
+const historyKnown = (reports: readonly DroneReport[]) => ({ type: "history_known", reports }) as const;
+
 /** The whole console: stops above, then one of the five screens. */
 export function App() {
   const { screen, rest } = screenOfHash(useHash());
   const [preparing, setPreparing] = useState<CaptureRequest | null>(null);
   const main = useRef<HTMLElement>(null);
-  useFailsafeTable();
+  useTold(getFailsafes, failsafesKnown);
+  useTold(getHistory, historyKnown);
   useVideoWhileSeen(screen === "fly");
   useNewScreen(screen, main);
   return (

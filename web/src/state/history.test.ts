@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import type { DroneReport } from "../protocol/messages.gen";
 import { droneReport } from "./fixtures";
-import { columns, drainPerS, LONGEST_HISTORY_S, withReport, type History } from "./history";
+import { columns, drainPerS, LONGEST_HISTORY_S, withPast, withReport, type History } from "./history";
 
 const START = Date.parse("2026-01-01T10:00:00Z");
 
@@ -13,6 +13,23 @@ function report(droneId: string, afterS: number, changes: Partial<DroneReport> =
 const after = (reports: readonly DroneReport[]): History => reports.reduce(withReport, []);
 
 describe("history", () => {
+  it("takes in what was reported before, and fills what was missed", () => {
+    const seen = after([report("a", 10, { height_m: 1 }), report("a", 30, { height_m: 3 })]);
+    const whole = withPast(seen, [
+      report("a", 0, { height_m: 0 }),
+      report("b", 0, { height_m: 5 }),
+      report("a", 10, { height_m: 9 }),
+      report("a", 20, { height_m: 2 }),
+    ]);
+    expect(columns(whole, ["a", "b"], "height_m")).toEqual({
+      agoS: [-30, -20, -10, 0],
+      values: [
+        [0, 1, 2, 3],
+        [5, null, null, null],
+      ],
+    });
+  });
+
   it("keeps one moment per second with the newest report of each drone", () => {
     const history = after([
       report("a", 0.1, { height_m: 1 }),

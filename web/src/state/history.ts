@@ -25,6 +25,13 @@ export function withReport(history: History, report: DroneReport): History {
   return [...before.slice(-LONGEST_HISTORY_S + 1), { second, reports }];
 }
 
+/** Take in what was reported while this page did not listen; seconds it knows stay as they are. */
+export function withPast(history: History, reports: readonly DroneReport[]): History {
+  const known = new Set(history.map((moment) => moment.second));
+  const past = reports.reduce<History>(withReport, []).filter((moment) => !known.has(moment.second));
+  return [...past, ...history].sort((a, b) => a.second - b.second).slice(-LONGEST_HISTORY_S);
+}
+
 /** What can be plotted of a drone. */
 export const QUANTITIES = [
   "battery_pct",

@@ -6,7 +6,7 @@ import type {
   ServerMessage,
 } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import { withReport } from "./history";
+import { withPast, withReport } from "./history";
 import { stepOfPhase, STEPS, stepsEntered, type Step } from "./phases";
 import { appendReport } from "./series";
 import {
@@ -47,6 +47,7 @@ const LOCAL_TYPES: Readonly<Record<LocalMessage["type"], true>> = {
   stream_lost: true,
   signed_out: true,
   failsafes_known: true,
+  history_known: true,
   command_taken: true,
   command_released: true,
   hold_accepted: true,
@@ -90,6 +91,8 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
       return { ...state, connection: { kind: "signed_out" } };
     case "failsafes_known":
       return { ...state, failsafeTable: message.rows };
+    case "history_known":
+      return { ...state, history: withPast(state.history, message.reports) };
     case "command_taken":
     case "command_released": {
       const inCommand = message.type === "command_taken";

@@ -126,6 +126,8 @@ export type LocalMessage =
   | { readonly type: "stream_lost" }
   | { readonly type: "signed_out" }
   | { readonly type: "failsafes_known"; readonly rows: readonly FailsafeRow[] }
+  /** What the drones reported before this page listened. */
+  | { readonly type: "history_known"; readonly reports: readonly DroneReport[] }
   | { readonly type: "command_taken" }
   | { readonly type: "command_released" }
   /** The server accepted a hold, for one drone or (null) for all. */
