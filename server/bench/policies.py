@@ -60,6 +60,20 @@ _SAMPLES = 3000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Picture:
+    """What was taken.
+
+    Attributes:
+        image_rgb: ``(h, w, 3)`` uint8.
+        mask: Where the object is in it ``(h, w)``. The true silhouette, for every rule alike: what
+            the eyes would find is measured elsewhere.
+    """
+
+    image_rgb: Image
+    mask: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Course:
     """One scene, ready for any rule.
 
@@ -75,9 +89,10 @@ class _Course:
     starts: tuple[Viewpoint, ...]
     rng_seed: int
 
-    def picture(self, view: Viewpoint) -> Image:
-        """Return the picture ``(h, w, 3)`` RGB from ``view``."""
-        return np.ascontiguousarray(self.world.render(_pose(view))[:, :, ::-1])
+    def picture(self, view: Viewpoint) -> _Picture:
+        """Return the picture from ``view``."""
+        image = np.ascontiguousarray(self.world.render(_pose(view))[:, :, ::-1])
+        return _Picture(image, self.world.silhouette(_pose(view)))
 
 
 def run(options: Options) -> Figures:
@@ -111,9 +126,10 @@ def _measure(scene: str, options: Options) -> dict[str, Any]:
         course = _Course(world, fitted, starts, options.seed)
         for rule, (policy, by_rounds) in RULES.items():
             begun_s = time.monotonic()
-            views = _choose(course, policy, by_rounds=by_rounds, threads=options.threads)
+            field = _LiveField(course, options.threads) if policy == "uncertain" else None
+            views = _choose(course, policy, field, by_rounds=by_rounds)
             seconds = time.monotonic() - begun_s
-            images = [course.picture(view) for view in views]
+            pictures = [course.picture(view) for view in views]
             sights = judge.look(views)
             everything = list(range(len(views)))
             steps = _QUICK_STEPS if options.quick else _STEPS
@@ -122,8 +138,11 @@ def _measure(scene: str, options: Options) -> dict[str, Any]:
                 "visibility_two_views": sights.visibility(everything, 2),
                 "detail_visibility": sights.detail(everything),
                 "choosing_seconds": round(seconds, 1),
-            } | _field(
-                _dataset(views, images, course.seed), test.images_rgb, test.masks,
+            }
+            if field is not None:
+                figures[rule]["known_places"] = float(np.mean(field.places))
+            figures[rule] |= _field(
+                _dataset(views, pictures, course.seed), test.images_rgb, test.masks,
                 test.T_world_cam, steps, options,
             )  # fmt: skip
     finally:
@@ -131,11 +150,12 @@ def _measure(scene: str, options: Options) -> dict[str, Any]:
     return figures
 
 
-def _choose(course: _Course, policy: str, *, by_rounds: bool, threads: int) -> list[Viewpoint]:
+def _choose(
+    course: _Course, policy: str, field: _LiveField | None, *, by_rounds: bool
+) -> list[Viewpoint]:
     """Return the seed views and the twenty that a policy adds to them."""
     views = list(course.starts)
     config = replace(PlannerConfig(), policy=policy)
-    field = _LiveField(course, threads) if policy == "uncertain" else None
     for number in range(_ROUNDS if by_rounds else 1):
         knows = None if field is None else field.after(views)
         crew = views[-len(course.starts) :]
@@ -162,19 +182,24 @@ def _choose(course: _Course, policy: str, *, by_rounds: bool, threads: int) -> l
 
 
 class _LiveField:
-    """The field that trains beside a flight, as the mission's reconstruction does."""
+    """The field that trains beside a flight, as the mission's reconstruction does.
+
+    Attributes:
+        places: After each round, of how many places on a surface it had anything to say.
+    """
 
     def __init__(self, course: _Course, threads: int) -> None:
         self._course = course
         self._threads = threads
-        self._images: list[Image] = []
+        self._pictures: list[_Picture] = []
+        self.places: list[int] = []
         self._trainer: Trainer | None = None
         self._rng = np.random.default_rng(course.rng_seed)
 
     def after(self, views: Sequence[Viewpoint]) -> SurfaceUncertainty:
         """Train on the pictures from all ``views`` and return what is known."""
-        self._images += [self._course.picture(view) for view in views[len(self._images) :]]
-        dataset = _dataset(views, self._images, self._course.seed)
+        self._pictures += [self._course.picture(view) for view in views[len(self._pictures) :]]
+        dataset = _dataset(views, self._pictures, self._course.seed)
         if self._trainer is None:
             self._trainer = _trainer(dataset, [], self._course.rng_seed, self._threads)
             self._trainer.run(steps=_LIVE_STEPS)
@@ -182,6 +207,7 @@ class _LiveField:
             self._trainer.take_in(dataset)
             self._trainer.run(steps=_LIVE_STEPS, progress_from=_LIVE_PROGRESS)
         known = known_surface(self._trainer, self._course.seed.outer, self._rng)
+        self.places.append(len(known.points))
         return uncertainty_near(known.points, known.normals, known.uncertainty)
 
 
@@ -222,13 +248,15 @@ def _trainer(dataset: Dataset, held_out: list[int], seed: int, threads: int) -> 
     return Trainer(dataset, field, train, held_out=held_out, seed=seed, threads=threads)
 
 
-def _dataset(views: Sequence[Viewpoint], images: Sequence[Image], seed: SeedGeometry) -> Dataset:
+def _dataset(
+    views: Sequence[Viewpoint], pictures: Sequence[_Picture], seed: SeedGeometry
+) -> Dataset:
     count = len(views)
     return Dataset(
         Path("."),
         tuple(Path(f"{k:04d}.png") for k in range(count)),
-        tuple(images),
-        (None,) * count,
+        tuple(picture.image_rgb for picture in pictures),
+        tuple(picture.mask for picture in pictures),
         (None,) * count,
         (_CAMERA,) * count,
         np.stack([_pose(view) for view in views]),
