@@ -86,7 +86,20 @@ def test_a_capture_is_held_goes_on_and_ends_another_is_aborted_and_both_are_comp
         assert {drone["activity"] for drone in drones} == {"ground"}
 
         page.get_by_test_id("screen-library").click()
-        expect(page.locator("[data-testid^=capture-2]")).to_have_count(2)
+        marks = page.locator("[data-testid^=mark-2]")
+        expect(marks).to_have_count(2)
+        for mark in marks.all():
+            mark.check()
+        page.get_by_test_id("compare").click()
+        expect(page.get_by_test_id("comparison")).to_be_visible()
+
+        # The first flight again, with the videos that were recorded.
+        page.get_by_test_id("screen-library").click()
+        first = page.locator("[data-testid^=capture-2]", has_text="first")
+        first.get_by_role("link").first.click()
+        page.get_by_test_id("open-replay").click()
+        expect(page.get_by_test_id("replay")).to_be_visible(timeout=WHOLE_CAPTURE_MS)
+        expect(page.locator("[data-testid^=replay-drone]")).to_have_count(4)
 
 
 def test_a_console_that_comes_back_is_found_again(tmp_path: Path) -> None:
