@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -12,6 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+from playwright.sync_api import Page, expect, sync_playwright
+
+from server.bench.dashboard import CHROMIUM_ARGUMENTS
 
 # Installs a package into an environment of its own and returns that one's interpreter.
 Peer = Callable[..., Path]
@@ -53,3 +57,18 @@ def console(runs: Path, *arguments: str, port: int | None = None) -> Iterator[st
             process.wait(30.0)
         finally:
             process.kill()
+
+
+@contextmanager
+def operator(address: str, width: int = 1440, height: int = 900) -> Iterator[Page]:
+    """Open the console in a browser of its own, patient with a busy machine."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
+        )
+        page = browser.new_page(viewport={"width": width, "height": height})
+        page.set_default_timeout(60_000)
+        expect.set_options(timeout=60_000)
+        page.goto(f"{address}/?token={TOKEN}")
+        yield page
+        browser.close()

@@ -1,13 +1,10 @@
 """The dashboard in a real browser, on a real console, with simulated drones."""
 
-import shutil
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
-from programs import TOKEN, console
-
-from server.bench.dashboard import CHROMIUM_ARGUMENTS
+from playwright.sync_api import Page, expect
+from programs import TOKEN, console, operator
 
 pytestmark = [
     pytest.mark.browser,
@@ -27,14 +24,7 @@ def _sequence(page: Page, drone_id: str) -> int:
 
 
 def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
-    with console(tmp_path, "--sim", "recycle_bin") as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
-        )
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.set_default_timeout(60_000)
-        expect.set_options(timeout=60_000)
-        page.goto(f"{address}/?token={TOKEN}")
+    with console(tmp_path, "--sim", "recycle_bin") as address, operator(address) as page:
         assert TOKEN not in page.url
 
         for drone_id in DRONES:
@@ -65,18 +55,10 @@ def test_four_live_tiles_the_scene_and_a_hold_that_latches(tmp_path):
             f"{address}/api/v1/captures", data={}, headers={"Origin": address}
         )
         assert refused.status == 409
-        browser.close()
 
 
 def test_the_object_is_picked_by_a_drag_by_keys_and_taken_back(tmp_path):
-    with console(tmp_path, "--sim", "recycle_bin") as address, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
-        )
-        page = browser.new_page(viewport={"width": 390, "height": 844})
-        page.set_default_timeout(60_000)
-        expect.set_options(timeout=60_000)
-        page.goto(f"{address}/?token={TOKEN}")
+    with console(tmp_path, "--sim", "recycle_bin") as address, operator(address, 390, 844) as page:
         pick, search = page.get_by_test_id("pick-drone-2"), page.get_by_test_id("search-drone-2")
         surface = page.get_by_test_id("pick-surface")
         answers = []
@@ -118,4 +100,3 @@ def test_the_object_is_picked_by_a_drag_by_keys_and_taken_back(tmp_path):
         assert answers[-1].json()["box"] == pytest.approx([0.37, 0.3, 0.67, 0.7], abs=0.01)
         # Nothing of all this was a HOLD, which the space bar still is.
         expect(page.get_by_test_id("held-banner")).to_have_count(0)
-        browser.close()

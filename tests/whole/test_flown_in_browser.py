@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
-from programs import TOKEN, console, free_port
-
-from server.bench.dashboard import CHROMIUM_ARGUMENTS
+from playwright.sync_api import Page, expect
+from programs import console, free_port, operator
 
 pytestmark = [
     pytest.mark.browser,
@@ -24,21 +20,6 @@ pytestmark = [
 ]
 
 WHOLE_CAPTURE_MS = 600_000
-
-
-@contextmanager
-def operator(address: str) -> Iterator[Page]:
-    """Open the console in a browser of its own."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=CHROMIUM_ARGUMENTS
-        )
-        page = browser.new_page(viewport={"width": 1440, "height": 900})
-        page.set_default_timeout(60_000)
-        expect.set_options(timeout=60_000)
-        page.goto(f"{address}/?token={TOKEN}")
-        yield page
-        browser.close()
 
 
 def start(page: Page, pictures: int, train_seconds: int, name: str) -> None:
