@@ -28,7 +28,7 @@ from server.api.paging import (
 from server.api.problems import described, json_safe
 from server.api.translate import message_from_event
 from server.mission.commands import MissionControl, UnknownError
-from server.mission.events import PlanProgressed, PlanViewChosen
+from server.mission.events import Coverage, PlanProgressed, PlanViewChosen
 from server.stages import Assignment
 
 _SHOWN_INLINE = frozenset({".jpg", ".jpeg", ".png", ".mp4", ".json", ".jsonl", ".txt"})
@@ -102,7 +102,7 @@ class PlanView(BaseModel):
     viewpoints: list[PlannedViewpoint]
     annealing: list[AnnealingStep]
     ring: list[PlannedViewpoint]
-    expected: CoverageView
+    expected: CoverageView | None
     ring_expected: CoverageView | None
 
 
@@ -264,13 +264,15 @@ def _plan_view(plan: KnownPlan, annealing: list[PlanProgressed]) -> PlanView:
                 ],
                 "viewpoints": _viewpoints(plan.found.assignment),
                 "ring": [] if plan.found.ring is None else _viewpoints(plan.found.ring),
-                "expected": asdict(plan.found.expected),
-                "ring_expected": None
-                if plan.found.ring_expected is None
-                else asdict(plan.found.ring_expected),
+                "expected": _coverage(plan.found.expected),
+                "ring_expected": _coverage(plan.found.ring_expected),
             }
         )
     )
+
+
+def _coverage(coverage: Coverage | None) -> dict[str, float] | None:
+    return None if coverage is None else asdict(coverage)
 
 
 def _viewpoints(assignment: Assignment) -> list[dict[str, object]]:

@@ -222,13 +222,13 @@ class PlanFound:
         assignment: Who flies where.
         ring: The standard ring around the same object, to compare with; None where it is what was
             chosen, or where it does not fit.
-        expected: What the pictures taken before and those planned will show.
+        expected: What the pictures taken before and those planned will show, None when unknown.
         ring_expected: What the ring would, None without one to compare with.
     """
 
     placement: Placement
     assignment: Assignment
-    expected: Coverage
+    expected: Coverage | None
     at: datetime = field(default_factory=_now)
     ring: Assignment | None = None
     ring_expected: Coverage | None = None

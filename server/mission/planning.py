@@ -7,6 +7,7 @@ in time or none is possible, so that a mission never waits for its planner.
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -33,6 +34,8 @@ from server.planner.errors import PlanError
 from server.planner.ring import Rounds, ring_assignment, standard_ring
 from server.stages import Assignment, CameraPose, Placement, SeedGeometry, Viewpoint
 from server.swarm.config import DroneConfig
+
+logger = logging.getLogger(__name__)
 
 
 class Planning:
@@ -213,17 +216,21 @@ class Planning:
     ) -> Assignment:
         """Publish a plan with what its pictures are expected to show; returns the assignment."""
 
-        async def expected(of: Assignment) -> Coverage:
+        async def expected(of: Assignment) -> Coverage | None:
             views = [Viewpoint(pose.position_world, pose.yaw_rad) for pose in taken]
             views += [view for row in of.rounds for view in row.values()]
-            seen = await asyncio.to_thread(
-                surface_seen,
-                seed,
-                views,
-                camera.intrinsics,
-                float(np.deg2rad(camera.tilt_deg)),
-                self._config.planner.fitness,
-            )
+            try:
+                seen = await asyncio.to_thread(
+                    surface_seen,
+                    seed,
+                    views,
+                    camera.intrinsics,
+                    float(np.deg2rad(camera.tilt_deg)),
+                    self._config.planner.fitness,
+                )
+            except Exception:  # It is for people to look at; the plan is flown all the same.
+                logger.exception("what the plan will show could not be worked out")
+                return None
             return seen.coverage
 
         found = PlanFound(

@@ -227,3 +227,21 @@ def test_a_training_that_cannot_begin_ends_no_flight(tmp_path: Path) -> None:
         )
 
     tell(story, tmp_path)
+
+
+def test_a_plan_is_flown_although_nobody_can_say_what_it_will_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    news: list[News] = []
+    monkeypatch.setattr("server.mission.planning.surface_seen", lambda *_: 1 / 0)
+
+    async def story(_: VirtualFlight, control: Control, __: Fleet) -> None:
+        listening = asyncio.create_task(listen(control.events, news))
+        record = await control.start_capture(replace(REQUEST, pictures=4))
+        record = await control.wait_for_capture(record.status.id)
+        assert (record.status.state, record.status.images) == ("succeeded", 4)
+        listening.cancel()
+
+    tell(story, tmp_path)
+    (plan,) = (event for event in news if isinstance(event, PlanFound))
+    assert plan.expected is None

@@ -36,7 +36,7 @@ export interface Plan {
   /** The standard ring around the same object; empty where it is what was chosen. */
   readonly ring: readonly PlannedViewpoint[];
   /** What all pictures will show when those planned are taken; what the ring would. */
-  readonly expected: Coverage;
+  readonly expected: Coverage | null;
   readonly ring_expected: Coverage | null;
 }
 

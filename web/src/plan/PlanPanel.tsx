@@ -42,7 +42,10 @@ function Facts({ plan }: { readonly plan: Plan }) {
     const gap = Math.max(0, (100 * (plan.bound - plan.fitness)) / plan.bound);
     rows.push([text.bound, words.mission.findings.bound(gap.toFixed(1))]);
   }
-  rows.push([text.expected, text.shares(percent(plan.expected.once), percent(plan.expected.thrice))]);
+  if (plan.expected !== null) {
+    const { once, thrice } = plan.expected;
+    rows.push([text.expected, text.shares(percent(once), percent(thrice))]);
+  }
   if (plan.ring_expected !== null) {
     const { once, thrice } = plan.ring_expected;
     rows.push([text.ringExpected, text.shares(percent(once), percent(thrice))]);
