@@ -17,6 +17,7 @@ from server.sim.scenes.catalogue import SCENES, load_object
 # By name, so that a bench loads only what it measures.
 _BENCHES = {
     "dashboard": "server.bench.dashboard",
+    "live": "server.bench.live",
     "load": "server.bench.load",
     "nerf": "server.bench.nerf",
     "planner": "server.bench.planner",

@@ -34,6 +34,7 @@ from server.nerf.pose_config import PoseConfig
 from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
 from server.nerf.sightings import write_sightings
 from server.nerf.training import StepReport, Trainer
+from server.nerf.warm_up import warm_up
 from server.nerf.whole_file import whole_file
 
 _LIVE_PICTURES = 4
@@ -256,6 +257,8 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
     trainer: Trainer | None = None
     reports: FieldReports | None = None
     begun_s = time.monotonic()
+    # One thread: drones are in the air.
+    warm_up(threads=1)
     while not _complete(wanted.dataset):
         _go_on(reporter)
         if reporter.orphaned():
@@ -268,14 +271,15 @@ def _train_live(wanted: ReconstructInput, spec: JobSpec, reporter: Reporter) -> 
         if trainer is None or len(trainer.dataset) != count:
             dataset = load_dataset(wanted.dataset, downscale=wanted.downscale or 2)
             if trainer is None:
-                # One thread: drones are in the air.
                 trainer = Trainer(
                     dataset, FieldConfig(), TrainConfig(), held_out=[], seed=spec.seed, threads=1
                 )
+                reports = FieldReports(trainer, reporter, wanted.dataset, images=len(dataset))
+                reports.begin("live", None, [], begun_s)
             else:
                 trainer.take_in(dataset)
-            reports = FieldReports(trainer, reporter, wanted.dataset, images=len(dataset))
-            reports.begin("live", None, [], begun_s)
+                assert reports is not None
+                reports.images = len(dataset)
         assert reports is not None
         trainer.run(
             seconds=_LIVE_SLICE_S,

@@ -23,6 +23,8 @@ from server.nerf.uncertainty import known_surface
 _REPORT_S = 1.0
 _PREVIEW_S = 4.0
 _SCORE_S = 8.0
+# A young field changes fast: what comes of it is shown and scored sooner, the pauses grow with it.
+_FIRST_S = 1.0
 _ORBIT_S = 40.0
 # Of the time at most this share goes into previews that somebody asks for one after the other.
 _SHOWN_SHARE = 0.3
@@ -86,17 +88,20 @@ class FieldReports:
         reporter: Where the news goes.
         out: Folder that gets ``preview.jpg``.
         images: Pictures in use.
+
+    Attributes:
+        images: Pictures in use.
     """
 
     def __init__(self, trainer: Trainer, reporter: Reporter, out: Path, images: int) -> None:
+        self.images = images
         self._trainer = trainer
         self._reporter = reporter
         self._out = out
-        self._images = images
         self._stage = ""
         self._total_s: float | None = None
         self._begun_s = time.monotonic()
-        self._told_s = self._shown_s = self._scored_s = 0.0
+        self._told_s = self._young_s = self._shown_s = self._scored_s = 0.0
         self._wanted = WantedView(reporter.folder)
         self._asked = False
         self._cost_s = self._looked_s = 0.0
@@ -107,17 +112,24 @@ class FieldReports:
     def begin(
         self, stage: str, total_s: float | None, watched: list[int], begun_s: float | None = None
     ) -> None:
-        """Begin a stage of ``total_s`` seconds, scoring the pictures ``watched`` as it goes on."""
+        """Begin a stage of ``total_s`` seconds, scoring the pictures ``watched`` as it goes on.
+
+        Args:
+            stage: Its name.
+            total_s: How long it takes, None when nobody knows.
+            watched: Held-out pictures.
+            begun_s: When it began, by the monotonic clock; None for now.
+        """
         self._stage, self._total_s, self._watched = stage, total_s, watched
         self._begun_s = time.monotonic() if begun_s is None else begun_s
         self._told_s = self._begun_s
-        self._shown_s = self._scored_s = time.monotonic()
+        self._young_s = self._shown_s = self._scored_s = time.monotonic()
         self._tell(None)
 
     def on_step(self, step: StepReport) -> None:
         """Take one step's figures; tell, score and show when it is time."""
         now_s = time.monotonic()
-        if self._watched and now_s - self._scored_s > _SCORE_S:
+        if self._watched and now_s - self._scored_s > self._pause_s(self._scored_s, _SCORE_S):
             self._scored_s = now_s
             self._score_watched()
         if now_s - self._told_s > _REPORT_S:
@@ -126,13 +138,19 @@ class FieldReports:
         if now_s - self._looked_s > _LOOK_S:
             self._looked_s = now_s
             self._asked = self._wanted.changed() or self._asked
-        pause_s = self._cost_s * (1.0 / _SHOWN_SHARE - 1.0) if self._asked else _PREVIEW_S
+        pause_s = self._pause_s(self._shown_s, _PREVIEW_S)
+        if self._asked:
+            pause_s = self._cost_s * (1.0 / _SHOWN_SHARE - 1.0)
         if now_s - self._shown_s > pause_s:
             begun_s = time.monotonic()
             self._show(self._wanted.view)
             self._asked = False
             self._shown_s = time.monotonic()
             self._cost_s = self._shown_s - begun_s
+
+    def _pause_s(self, last_s: float, longest_s: float) -> float:
+        """Return how long to wait after ``last_s``: as long as the stage had lasted by then."""
+        return min(longest_s, max(_FIRST_S, last_s - self._young_s))
 
     def show_orbit(self, width: int, height: int) -> None:
         """Render the orbit's present picture into ``preview.jpg`` and announce it."""
@@ -196,5 +214,5 @@ class FieldReports:
             held_out_psnr_db=None if self._score_db is None else round(self._score_db, 3),
             held_out_ssim=None if self._score_ssim is None else round(self._score_ssim, 4),
             samples_per_s=round(self._trainer.samples_per_s, 1),
-            images=self._images,
+            images=self.images,
         )

@@ -1,7 +1,8 @@
 """Follows the worker that turns a run's pictures into a field, and passes its news on.
 
-The worker starts as soon as the first pictures exist and trains on what there is; once the flight
-is complete it refines the poses, trains the field that is judged, and then the one delivered.
+The worker gets ready while drones fly to their first places and trains on the pictures there are;
+once the flight is complete it refines the poses, trains the field that is judged, and then the one
+delivered.
 """
 
 from __future__ import annotations

@@ -262,6 +262,8 @@ class Steps:
             raise StepFailedError(f"no flight is possible: {error}") from error
         self._state.progress = self._state.progress.with_rounds(len(self._state.assignment.rounds))
         await self._rest.regroup(0, taken=set())
+        # While drones fly to their first places the worker gets ready.
+        await self._begin_training()
 
     # -- a round ------------------------------------------------------------------------------
 
@@ -296,9 +298,7 @@ class Steps:
         for drone_id in missed:
             text = f"Round {state.progress.round_index + 1}: no clean picture."
             self._note("warning", text, drone_id)
-        training = self._request.train_seconds > 0
-        if training and photographer.taken >= min(4, self._state.pictures):
-            await self._begin_training()
+        await self._begin_training()
         self._tell_coverage()
         taken = {drone_id for drone_id in wanted if drone_id not in missed}
         self.seeding.refine(taken)
@@ -320,6 +320,8 @@ class Steps:
 
     async def _begin_training(self) -> None:
         """Train beside the flight; one that cannot begin is tried again, and the flight goes on."""
+        if self._request.train_seconds == 0:
+            return
         try:
             await self._tools.reconstruction.start()
         except (JobFailedError, OSError) as error:
