@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from server.bench.table.modes import Posed, posed_as, true_poses
 from server.bench.table.views import HeldOutViews
 from server.geometry.cameras import TELLO_TILT_RAD, Intrinsics
 from server.geometry.poses import Similarity, look_at, yaw_of_camera
-from server.nerf.dataset import load_dataset
+from server.nerf.dataset import PosedFile, load_dataset, write_transforms
 from server.nerf.flight import FlightPicture, append_picture, read_pictures
+from server.nerf.sightings import Sightings, write_sightings
 from server.sim.camera import STILL
 from server.sim.config import SimConfig
 from server.stages import Viewpoint
@@ -63,19 +65,36 @@ def test_nominal_poses_are_where_the_drones_were_sent(tmp_path: Path) -> None:
     assert posed.used == list(range(24))
 
 
-def test_true_poses_come_with_true_lenses_and_take_the_box_along(tmp_path: Path) -> None:
+def test_true_poses_come_with_true_lenses_and_take_along_what_refinement_found(
+    tmp_path: Path,
+) -> None:
     capture = flown(tmp_path)
     believed = load_dataset(capture.run)
+    # As a refinement leaves them, one picture of which it cannot place and leaves far off.
+    told = [{"refined": k != 3} for k in range(24)]
+    (capture.run / "poses.json").write_text(json.dumps({"pictures": told}))
+    astray = believed.T_world_cam.copy()
+    astray[3, :3, 3] += 2.0
+    files = [PosedFile(f"images/{k:03d}.png", T) for k, T in enumerate(astray)]
+    write_transforms(capture.run, files, CAMERA, believed.object_box)
+    seen = replace(CAMERA, fx=61.0).project(BALL_CENTRE[None], believed.T_world_cam[7])[0]
+    one, point = np.array([7]), np.array([0])
+    write_sightings(capture.run, Sightings(BALL_CENTRE[None], one, point, seen))
+
     posed = posed_as("optimized_true_poses", capture, 0, 1)
     expected = believed.T_world_cam[:, :3, 3] + SHIFT
     np.testing.assert_allclose(posed.dataset.T_world_cam[:, :3, 3], expected)
     np.testing.assert_allclose(posed.T_true, true_poses(capture))
+    assert posed.used == list(range(24))
     assert {camera.fx for camera in posed.dataset.intrinsics} == {61.0}
     assert posed.dataset.object_box is not None
     assert believed.object_box is not None
     np.testing.assert_allclose(
         posed.dataset.object_box.corners, believed.object_box.corners + SHIFT, atol=1e-9
     )
+    distance = np.linalg.norm(BALL_CENTRE - believed.T_world_cam[7, :3, 3])
+    assert [len(known.pixels) for known in posed.dataset.known] == [int(k == 7) for k in range(24)]
+    np.testing.assert_allclose(posed.dataset.known[7].distances_m, [distance], rtol=1e-5)
 
 
 def test_without_refinement_the_poses_are_those_believed_in_flight(tmp_path: Path) -> None:

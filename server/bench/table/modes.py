@@ -2,8 +2,8 @@
 
 ``standard_paper``: the ring, and every picture taken to be where it was to be taken (the paper's
 standard placement). ``standard_refined``: the same pictures with our poses. ``optimized``: the
-mission as it is. ``optimized_true_poses``: the same pictures with true poses and lenses: what is
-left to gain by knowing the cameras better.
+mission as it is. ``optimized_true_poses``: the same pictures, masks and shared points with true
+poses and lenses: what is left to gain by knowing the cameras better.
 
 Every mode trains on all of its flight's pictures whose cameras it knows, with all that the mission
 knows besides: masks, and the object's box in the frame of its poses.
@@ -11,6 +11,7 @@ knows besides: masks, and the object's box in the frame of its poses.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.bench.poses_flight import FlownCapture
-from server.geometry.boxes import Box3, union
+from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_TILT_RAD
 from server.geometry.poses import Similarity, fit_similarity
 from server.jobs.reconstruct import refine_run
@@ -26,17 +27,16 @@ from server.jobs.spec import JobSpec
 from server.mission.commands import Mode
 from server.nerf.dataset import Dataset, load_dataset
 from server.nerf.flight import read_pictures
-from server.nerf.hull import box_of_masks
+from server.nerf.sightings import known_pixels, read_sightings
 
 Array = NDArray[np.float64]
 
-# By flight, in the order of the table.
+# By flight, in the order of the table. Also the order to take them in: a refinement changes the
+# run's folder, so what was to be comes before it, and what it found goes with the truth after it.
 MODES: dict[Mode, tuple[str, str]] = {
     "standard": ("standard_paper", "standard_refined"),
     "optimized": ("optimized", "optimized_true_poses"),
 }
-# These change the poses in the run's folder: they come after the others of their flight.
-REFINED = ("standard_refined", "optimized")
 EVERY_MODE = tuple(mode for modes in MODES.values() for mode in modes)
 # A field of fewer pictures than this is trained on all of them, refined or not.
 _FEWEST = 4
@@ -58,7 +58,7 @@ class Posed:
 
 
 def posed_as(mode: str, flown: FlownCapture, seed: int, threads: int, without: str = "") -> Posed:
-    """Return a flight's pictures as ``mode`` uses them; those ``REFINED`` must come last.
+    """Return a flight's pictures as ``mode`` uses them; modes are taken in the order of ``MODES``.
 
     Args:
         mode: One of ``EVERY_MODE``.
@@ -101,23 +101,34 @@ def refined(flown: FlownCapture, seed: int, threads: int) -> Posed:
 
 
 def optimized_true_poses(flown: FlownCapture) -> Posed:
-    """Return the pictures with their true poses and lenses; before any refinement."""
+    """Return the pictures with their true poses and lenses, and what else the refinement found."""
     dataset = load_dataset(flown.run)
     T_true = true_poses(flown)
     still = np.flatnonzero([view is not None for view in flown.sent_to])
-    lenses = [flown.truth[i].lens for i in still]
     cameras = tuple(
-        lens.scaled(camera.width / lens.width)
-        for lens, camera in zip(lenses, dataset.intrinsics, strict=True)
+        flown.truth[i].lens.scaled(camera.width / flown.truth[i].lens.width)
+        for i, camera in zip(still, dataset.intrinsics, strict=True)
     )
-    posed = replace(dataset, T_world_cam=T_true, intrinsics=cameras)
-    if dataset.object_box is not None:
-        # As after a refinement: the box believed in flight, and what the masks say of it.
-        to_truth = fit_similarity(dataset.T_world_cam[:, :3, 3], T_true[:, :3, 3])
-        believed = carried_box(dataset.object_box, to_truth)
-        found = box_of_masks(posed, believed)
-        box = believed if found is None else union((found, believed))
-        posed = replace(posed, object_box=box)
+    told = json.loads((flown.run / "poses.json").read_text())["pictures"]
+    sure = [index for index, picture in enumerate(told) if picture["refined"]]
+    sure = sure if len(sure) >= _FEWEST else list(range(len(dataset)))
+    to_truth = fit_similarity(dataset.T_world_cam[sure, :3, 3], T_true[sure, :3, 3])
+    found = read_sightings(flown.run)
+    shared = replace(found, points_world=to_truth.points(found.points_world))
+    known = tuple(
+        known_pixels(shared, k, flown.truth[i].lens.width, camera, T)
+        for k, (i, camera, T) in enumerate(zip(still, cameras, T_true, strict=True))
+    )
+    box, floor_z = dataset.object_box, dataset.floor_z
+    posed = replace(
+        dataset,
+        T_world_cam=T_true,
+        intrinsics=cameras,
+        known=known,
+        object_box=None if box is None else carried_box(box, to_truth),
+        # The room's own floor.
+        floor_z=None if floor_z is None else 0.0,
+    )
     return Posed(posed, list(range(len(posed))), T_true)
 
 

@@ -21,7 +21,7 @@ from server.bench.poses_flight import FlownCapture, usual_config
 from server.bench.poses_pictures import draw_pictures
 from server.bench.table.fields import JudgedField, train_and_judge
 from server.bench.table.leave_out import left_out
-from server.bench.table.modes import REFINED, Posed, posed_as
+from server.bench.table.modes import Posed, posed_as
 from server.bench.table.views import HeldOutViews, draw_views
 from server.mission.commands import Mode
 from server.sim.scenes.catalogue import load_object
@@ -116,7 +116,7 @@ class Parts:
             self._show(wanted, "truth", views.images_rgb)
             samples = {
                 mode: self._sample(mode, wanted, flown, views, seconds) | {"surface_seen": seen}
-                for mode in sorted(wanted.modes, key=REFINED.__contains__)
+                for mode in wanted.modes
             }
         return {"samples": samples}
 
