@@ -363,7 +363,7 @@ async def console(
             catalogue_text(settings),
             settings.retention,
             control.events,
-            control.live,
+            lambda: control.live() | book.at_work(),
             control.forget,
         )
         await stack.enter_async_context(at_work(librarian))

@@ -65,8 +65,10 @@ def _act(action: str, catalogue: Catalogue, settings: Settings) -> dict[str, Any
 def _table(result: dict[str, Any]) -> str:
     """Return a result for people."""
     if isinstance(rows := result.get("runs"), list):
+        # A training's id holds that of the capture it trains on.
+        wide = max((len(row["id"]) for row in rows), default=0) + 2
         return "\n".join(
-            f"{row['id']:<44}{row['state']:<12}{row['pictures']:>4} pictures"
+            f"{row['id']:<{wide}}{row['state']:<12}{row['pictures']:>4} pictures"
             f"{row['size_bytes'] / 1e6:>10.1f} MB{'  starred' if row['starred'] else ''}"
             for row in rows
         )

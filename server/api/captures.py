@@ -15,6 +15,7 @@ from server.api.json_numbers import WHOLE, Number
 from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
+from server.jobs.book import JobBook
 from server.mission.commands import (
     MOST_PICTURES,
     CaptureRecord,
@@ -129,7 +130,7 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
     )
 
 
-def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRouter:
+def make_captures_router(mission: MissionControl, desk: CommandDesk, book: JobBook) -> APIRouter:
     """Return the routes below ``/captures``."""
     router = APIRouter(prefix=_PREFIX, tags=["captures"])
     admitted = Depends(desk.admit)
@@ -190,7 +191,11 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk) -> APIRoute
         responses=described(404, 409),
     )
     async def delete_capture(capture_id: str) -> Response:
-        """Delete a capture that is over, and all its files, for good."""
+        """Delete a capture that is over, its files and the fields trained anew on it, for good."""
+        mission.capture(capture_id)
+        for run_id, job in book.trainings_on(capture_id).items():
+            if not job.over:
+                raise RefusedError(f"{run_id} trains on it; cancel that or wait for its end")
         await mission.delete_capture(capture_id)
         return Response(status_code=204)
 

@@ -18,7 +18,7 @@ from server.api.problems import ProblemError, described, json_safe
 from server.jobs.book import JobBook, JobRecord, JobState
 from server.jobs.spec import JobSpec, Kind
 from server.mission.commands import MissionControl, RefusedError, UnknownError
-from server.store.runs import run_id
+from server.store.runs import free_run
 
 JOBS = "/api/v1/jobs"
 _UNFINISHED = ("queued", "running", "paused")
@@ -118,7 +118,8 @@ def make_jobs_router(mission: MissionControl, book: JobBook) -> APIRouter:
         dataset = mission.run_folder(spec.capture).resolve()
         if not (dataset / "transforms.json").is_file():
             raise RefusedError(f"{spec.capture} has no pictures with poses")
-        out = dataset.parent / run_id(f"train {spec.capture}")
+        # Several may be asked for in the same second.
+        out = free_run(dataset.parent, f"train {spec.capture}", book.at_work())
         try:
             job = book.request(_training(spec, dataset, out), out / "jobs" / "reconstruct", out)
         except ValueError as error:

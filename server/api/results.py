@@ -195,7 +195,7 @@ def make_results_router(mission: MissionControl, journal: Journal, prefix: str) 
             if room > 0 and folder.is_dir():
                 seen = after if capture_id == begin else ""
                 found = await asyncio.to_thread(files_below, folder, room, seen)
-                artifacts += [_artifact(capture_id, file, prefix) for file in found]
+                artifacts += [artifact_of(capture_id, file, prefix) for file in found]
         if len(artifacts) > limit:
             last = artifacts[limit - 1]
             seen = f"{last.capture_id}/{last.path}"
@@ -218,7 +218,8 @@ def make_results_router(mission: MissionControl, journal: Journal, prefix: str) 
     return router
 
 
-def _artifact(capture_id: str, file: FoundFile, prefix: str) -> Artifact:
+def artifact_of(capture_id: str, file: FoundFile, prefix: str) -> Artifact:
+    """Return what is told of a run's file; its address begins with ``prefix``."""
     return Artifact(
         capture_id=capture_id,
         path=file.path,

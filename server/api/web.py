@@ -37,6 +37,7 @@ from server.api.scene_bridge import make_scene_router
 from server.api.setup import make_setup_router
 from server.api.stream import StreamCounts, make_stream_router
 from server.api.tokens import make_tokens_router
+from server.api.trainings import make_trainings_router
 from server.api.webhook import Webhook
 from server.jobs.book import JobBook
 from server.mission.commands import MissionControl
@@ -109,9 +110,10 @@ def make_web(
     web.include_router(make_objects_router(mission, desk))
     web.include_router(make_no_go_router(mission, desk))
     web.include_router(make_setup_router(mission))
-    web.include_router(make_captures_router(mission, desk))
+    web.include_router(make_captures_router(mission, desk, jobs))
     web.include_router(make_results_router(mission, journal, door.prefix))
     web.include_router(make_replays_router(mission))
+    web.include_router(make_trainings_router(mission, jobs, door.prefix))
     web.include_router(make_jobs_router(mission, jobs))
     web.include_router(make_scale_router(mission, jobs))
     web.include_router(make_tokens_router(door.ring))

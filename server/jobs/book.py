@@ -33,6 +33,7 @@ class JobRecord:
 
     Attributes:
         id: Begins with the time it was handed in, so ids sort by age.
+        spec: What was handed in.
         kind: Which program of the worker runs it.
         state: queued, running, succeeded, failed or cancelled.
         phase: What the worker is at, in its words; empty before it has told.
@@ -46,6 +47,7 @@ class JobRecord:
     """
 
     id: str
+    spec: JobSpec
     kind: Kind
     state: JobState
     phase: str
@@ -82,6 +84,22 @@ class JobBook:
     def jobs(self) -> list[JobRecord]:
         """Return all jobs that are kept, newest first."""
         return sorted(self._records.values(), key=lambda record: record.id, reverse=True)
+
+    def at_work(self) -> frozenset[str]:
+        """Return the ids of the runs that jobs which are not over work for or train on."""
+        busy = [record for record in self._records.values() if not record.over]
+        names = {Path(record.run).name for record in busy}
+        return frozenset(names | {record.capture for record in busy if record.capture is not None})
+
+    def trainings_on(self, capture_id: str) -> dict[str, JobRecord]:
+        """Return the newest job of each training anew on a capture's pictures, by its run's id."""
+        found: dict[str, JobRecord] = {}
+        for job in self.jobs():
+            run_id = Path(job.run).name
+            # The capture's own training works for the capture's own run.
+            if job.kind == "reconstruct" and job.capture == capture_id != run_id:
+                found.setdefault(run_id, job)
+        return found
 
     def job(self, job_id: str) -> JobRecord:
         """Return one job; raises KeyError."""
@@ -182,7 +200,7 @@ class JobBook:
         dataset = spec.parameters.get("dataset")
         capture = None if dataset is None else Path(dataset).name
         self._records[job_id] = JobRecord(
-            job_id, spec.kind, "queued", "", 0.0, str(run), capture, None, now, now
+            job_id, spec, spec.kind, "queued", "", 0.0, str(run), capture, None, now, now
         )
         for old in [r.id for r in self._records.values() if r.over][:-_MOST_KEPT]:
             del self._records[old]

@@ -187,6 +187,8 @@ def _judge_and_deliver(
         "mode": wanted.mode,
         "downscale": wanted.downscale,
         "object_only": wanted.object_only,
+        "train_seconds": wanted.train_seconds,
+        "seed": spec.seed,
         "resumed_at": round(resumed_at, 3),
         **asdict(metrics),
         "samples_per_s": round(samples_per_s, 1),

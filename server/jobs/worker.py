@@ -101,7 +101,7 @@ def work(spec: JobSpec, reporter: Reporter) -> int:
     try:
         result = importlib.import_module(_PROGRAMS[spec.kind]).run(spec, reporter)
     except JobStoppedError as stopped:
-        reporter.emit("failed", error=str(stopped), bad_input=False)
+        reporter.emit("failed", error=str(stopped), bad_input=False, stopped=True)
         return 1
     except Exception as error:
         logging.getLogger(__name__).exception("job failed")

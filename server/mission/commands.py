@@ -330,11 +330,11 @@ class MissionControl(Protocol):
         ...
 
     async def delete_capture(self, capture_id: str) -> None:
-        """Delete a capture and its run folder for good.
+        """Delete a capture and its run folder for good, with the fields trained anew on it.
 
         Raises:
             UnknownError: If there is no such capture.
-            RefusedError: If it is not over yet, or its folder cannot be deleted.
+            RefusedError: If it is not over yet, or a folder cannot be deleted.
         """
         ...
 

@@ -73,7 +73,8 @@ from server.mission.recovery import Recovery
 from server.mission.start_places import start_place
 from server.recording.config import RecordingConfig
 from server.recording.repair import repair_all
-from server.store.runs import RunFolder, delete_run, is_run, list_runs
+from server.store.deletion import delete_with_trainings
+from server.store.runs import RunFolder, is_run, list_runs
 from server.swarm.drone import Drone
 from server.swarm.errors import DroneError
 from server.swarm.failsafes import Failsafe
@@ -518,16 +519,19 @@ class Control:
             raise RefusedError(str(error)) from error
 
     async def delete_capture(self, capture_id: str) -> None:
-        """Delete a capture and its run folder; raises UnknownError or RefusedError."""
-        folder = self.run_folder(capture_id)
+        """Delete a capture, its run folder and those of the fields trained anew on it.
+
+        Raises UnknownError or RefusedError.
+        """
+        folder = Path(self.capture(capture_id).status.run)
         if capture_id in self.live():
             raise RefusedError("this capture is not over; abort it first")
         try:
-            await asyncio.to_thread(delete_run, folder)
+            await asyncio.to_thread(delete_with_trainings, folder)
         except (OSError, ValueError) as error:
             raise RefusedError(f"not all of it could be deleted: {error}") from error
         finally:
-            if not folder.exists():
+            if not await asyncio.to_thread(folder.exists):
                 self.forget(capture_id)
 
     async def wait_for_capture(self, capture_id: str) -> CaptureRecord:

@@ -32,7 +32,7 @@ class Librarian:
         url: Database of the catalogue, None for SQLite in ``runs``.
         retention: When old runs are deleted.
         events: Tells when a capture ends.
-        live: Returns the captures somebody works on.
+        live: Returns the runs somebody works on.
         forget: Told which captures are gone.
     """
 

@@ -88,19 +88,6 @@ def _makers(run: Path, factor: float, about: dict[str, Any]) -> Iterator[tuple[P
     yield run / SCALE, lambda stream: _noted(run / SCALE, factor, about, stream)
 
 
-def runs_trained_on(run: Path) -> list[Path]:
-    """Return the runs beside ``run`` whose fields were trained on its pictures."""
-    found: list[Path] = []
-    for metrics in sorted(run.parent.glob("*/metrics.json")):
-        try:
-            dataset = Path(_read(metrics)["dataset"])
-        except (OSError, ValueError, KeyError, TypeError):
-            continue
-        if metrics.parent.resolve() != run.resolve() and dataset.resolve() == run.resolve():
-            found.append(metrics.parent)
-    return found
-
-
 def _noted(path: Path, factor: float, about: dict[str, Any], stream: BinaryIO) -> None:
     before = float(_read(path)["factor"]) if path.is_file() else 1.0
     _write_json({"factor": before * factor, **about}, stream)

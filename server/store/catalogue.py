@@ -203,16 +203,29 @@ class Catalogue:
         """Delete what is too old, then the oldest until the quota holds; returns their ids.
 
         Starred runs, runs that are not over and those named in ``live`` are never deleted, though
-        they count against the quota.
+        they count against the quota. Nor is a capture while a field trained anew on it is kept,
+        which would be nothing without its pictures: it is as old as the youngest of them.
         """
         with self._engine.connect() as connection:
-            order = sa.select(runs_table).order_by(runs_table.c.begun_unix_s, runs_table.c.id)
-            rows = [_row(found) for found in connection.execute(order)]
+            rows = [_row(found) for found in connection.execute(sa.select(runs_table))]
+        trained: dict[str, list[RunRow]] = {}
+        for row in rows:
+            if row.kind == "training":
+                trained.setdefault(row.subject, []).append(row)
+
+        def place(row: RunRow) -> tuple[float, bool, str]:
+            # Captures come after the trainings on them.
+            begun = [each.begun_unix_s for each in (row, *trained.get(row.id, []))]
+            return max(begun), row.kind == "capture", row.id
+
+        rows.sort(key=place)
         total_bytes = sum(row.size_bytes for row in rows)
         now_unix_s = time.time()
         deleted: list[str] = []
         for row in rows:
             if row.starred or row.state in UNFINISHED or row.id in live:
+                continue
+            if any(training.id not in deleted for training in trained.get(row.id, [])):
                 continue
             ended_unix_s = row.begun_unix_s if row.ended_unix_s is None else row.ended_unix_s
             age_days = (now_unix_s - ended_unix_s) / _DAY_S

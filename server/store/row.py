@@ -14,13 +14,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from server.store.runs import RunFolder
+from server.store.runs import RunFolder, begun_at
+from server.store.trainings import Training, read_training
 
 STAR = "starred"
 UNFINISHED = ("queued", "running", "paused")
 
 # Nothing was written in a folder for so long: whoever worked on it is gone.
 _SILENCE_S = 600.0
+# A training beats, tells or keeps its state more often than a flight writes.
+_TRAINING_SILENCE_S = 120.0
 _FIGURES = ("psnr_db", "psnr_db_object", "ssim", "flip", "samples_per_s", "images_held_out")
 _PICTURES = (".jpg", ".jpeg", ".png")
 
@@ -34,7 +37,8 @@ class RunRow:
         kind: ``capture`` or ``training``.
         subject: What was captured or trained on: the capture's name or the dataset.
         mode: The capture's mode, empty for a training.
-        state: queued, running, paused, succeeded, failed, aborted or interrupted.
+        state: queued, running, paused, succeeded, failed, aborted or interrupted; a training that
+            somebody ended is cancelled.
         begun_unix_s: When it began, seconds since 1970 (UTC).
         ended_unix_s: When it ended, None while it goes on.
         pictures: Pictures in ``images/``, or those that were trained on.
@@ -62,7 +66,8 @@ def read_row(folder: Path) -> RunRow | None:
     """Return the row of a run folder, None when the folder holds no readable run."""
     run = RunFolder(folder)
     state, metrics = run.state(), run.metrics()
-    if state is None and metrics is None:
+    training = read_training(folder) if state is None else None
+    if state is None and training is None:
         return None
     size_bytes, newest_unix_s = _measure(folder)
     images = sorted(p.name for p in _entries(folder / "images") if p.suffix.lower() in _PICTURES)
@@ -70,10 +75,10 @@ def read_row(folder: Path) -> RunRow | None:
     shown = ["preview.jpg"] if (folder / "preview.jpg").is_file() else []
     shown += [f"images/{name}" for name in images[:1]]
     try:
-        if state is not None:
-            told = _capture(state, newest_unix_s)
+        if training is not None:
+            told = _training(folder.name, training, newest_unix_s)
         else:
-            told = _training(metrics or {}, newest_unix_s)
+            told = _capture(state or {}, newest_unix_s)
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
         return None  # JSON, but no run.
     kind, subject, mode, word, begun_unix_s, ended_unix_s = told
@@ -107,11 +112,26 @@ def _capture(state: dict[str, Any], newest_unix_s: float) -> _Told:
     return "capture", str(request["name"]), str(request["mode"]), word, begun, ended
 
 
-def _training(metrics: dict[str, Any], newest_unix_s: float) -> _Told:
-    wall_s = metrics.get("wall_s", 0.0)
+def _training(name: str, training: Training, newest_unix_s: float) -> _Told:
+    stamp = begun_at(name)
+    wall_s = (training.metrics or {}).get("wall_s", 0.0)
     begun = newest_unix_s - (float(wall_s) if _is_number(wall_s) else 0.0)
-    subject = str(metrics.get("dataset") or metrics.get("scene") or "")
-    return "training", Path(subject).name, "", "succeeded", begun, newest_unix_s
+    if stamp is not None:
+        begun = min(stamp.timestamp(), newest_unix_s)
+    word = _training_state(training, newest_unix_s)
+    ended = None if word in UNFINISHED else newest_unix_s
+    return "training", Path(training.dataset).name, "", word, begun, ended
+
+
+def _training_state(training: Training, newest_unix_s: float) -> str:
+    if training.finished:
+        return "succeeded"
+    if training.stopped:
+        return "cancelled"
+    if training.error is not None:
+        return "failed"
+    silent = time.time() - newest_unix_s > _TRAINING_SILENCE_S
+    return "interrupted" if silent else "running"
 
 
 def _measure(folder: Path) -> tuple[int, float]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -28,15 +28,35 @@ from server.stages import Capture, Region
 from server.store.atomic import write_atomic
 from server.vision.region import full_mask
 
-_STATE = "capture.json"
+STATE = "capture.json"
+# A training anew has the first of these from its beginning, or from its end alone.
+_TRAINED = ("jobs/reconstruct/spec.json", "training.json", "metrics.json")
 _DOOMED = ".deleting-"
+_STAMP = "%Y%m%d-%H%M%S"
 
 
 def run_id(name: str) -> str:
     """Return a run's id: the time now and the words of ``name``, safe as a folder's name."""
-    stamp = datetime.now(UTC).strftime("%Y%m%d-%H%M%S")
+    stamp = datetime.now(UTC).strftime(_STAMP)
     words = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40]
     return f"{stamp}-{words}" if words else stamp
+
+
+def free_run(root: Path, name: str, taken: Container[str] = frozenset()) -> Path:
+    """Return where under ``root`` a run of this name may be made; ids in ``taken`` are promised."""
+    base = run_id(name)
+    for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
+        if f"{base}{suffix}" not in taken and not (root / f"{base}{suffix}").exists():
+            return root / f"{base}{suffix}"
+    raise FileExistsError(f"{root / base} exists a thousand times")
+
+
+def begun_at(name: str) -> datetime | None:
+    """Return when the run of this id was begun, aware UTC; None where the id does not tell."""
+    try:
+        return datetime.strptime("-".join(name.split("-")[:2]), _STAMP).replace(tzinfo=UTC)
+    except ValueError:
+        return None
 
 
 class RunFolder:
@@ -71,11 +91,11 @@ class RunFolder:
 
     def write_state(self, state: dict[str, Any]) -> None:
         """Replace ``capture.json``."""
-        write_atomic(self.path / _STATE, json.dumps(state, indent=1).encode())
+        write_atomic(self.path / STATE, json.dumps(state, indent=1).encode())
 
     def state(self) -> dict[str, Any] | None:
         """Return ``capture.json``, None when there is none or it is unreadable."""
-        return _read_json(self.path / _STATE)
+        return _read_json(self.path / STATE)
 
     def metrics(self) -> dict[str, Any] | None:
         """Return ``metrics.json``, None while there is none."""
@@ -136,18 +156,22 @@ class RunFolder:
 
 
 def is_run(root: Path, name: str) -> bool:
-    """Return whether ``name`` is that of a folder under ``root`` with the results of a run."""
-    folder = root / name
-    if Path(name).name != name or name.startswith(".") or folder.is_symlink():
+    """Return whether ``name`` is that of a folder under ``root`` in which a field is trained."""
+    return Path(name).name == name and is_trained(root / name)
+
+
+def is_trained(folder: Path) -> bool:
+    """Return whether ``folder`` is one in which a field is or was trained, and can be seen."""
+    if folder.name.startswith(".") or folder.is_symlink():
         return False
-    return (folder / "metrics.json").is_file()
+    return any((folder / name).is_file() for name in _TRAINED)
 
 
 def list_runs(root: Path) -> list[RunFolder]:
     """Return the run folders under ``root`` that hold a ``capture.json``, newest first."""
     if not root.is_dir():
         return []
-    told = (path.parent for path in root.glob(f"*/{_STATE}"))
+    told = (path.parent for path in root.glob(f"*/{STATE}"))
     found = [RunFolder(folder) for folder in told if not folder.name.startswith(".")]
     return sorted(found, key=lambda run: run.id, reverse=True)
 
@@ -162,7 +186,7 @@ def delete_run(folder: Path) -> None:
         OSError: If something in it cannot be deleted; what could be is gone.
         ValueError: If the folder holds no run.
     """
-    told = any((folder / name).is_file() for name in (_STATE, "metrics.json"))
+    told = any((folder / name).is_file() for name in (STATE, *_TRAINED))
     if folder.is_symlink() or not told:
         raise ValueError(f"{folder} holds no run")
     doomed = folder.with_name(f"{_DOOMED}{folder.name}")

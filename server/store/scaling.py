@@ -10,7 +10,8 @@ import numpy as np
 
 from server.nerf.dataset import load_dataset
 from server.nerf.pose_scale import KnownScale, Mark, scale_from_length
-from server.nerf.rescaled_run import rescale_runs, runs_trained_on
+from server.nerf.rescaled_run import rescale_runs
+from server.store.trainings import read_training, trainings_on
 
 # Number of the picture, and x and y in its pixels.
 PlacedMark = tuple[int, float, float]
@@ -61,5 +62,11 @@ def scale_by_length(
         "length_m": length_m,
         "at": datetime.now(UTC).isoformat(),
     }
-    rescale_runs((*runs_trained_on(run), run), found.factor, about)
+    anew = [folder for folder in trainings_on(run) if _is_judged(folder)]
+    rescale_runs((*anew, run), found.factor, about)
     return found
+
+
+def _is_judged(folder: Path) -> bool:
+    training = read_training(folder)
+    return training is not None and training.metrics is not None

@@ -40,6 +40,7 @@ class FakeRunner:
         self.jobs: list[FakeJob] = []
 
     async def submit(self, spec: JobSpec, folder: Path) -> FakeJob:
+        spec.write(folder)
         self.jobs.append(FakeJob(spec, folder))
         return self.jobs[-1]
 

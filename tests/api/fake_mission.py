@@ -56,6 +56,8 @@ from server.stages import (
     Telemetry,
     Viewpoint,
 )
+from server.store.runs import is_run
+from server.store.trainings import trainings_on
 from server.swarm.failsafes import Failsafe, FailsafeTable
 
 DRONES = ("drone-1", "drone-2", "drone-3", "drone-4")
@@ -395,7 +397,9 @@ class FakeMission:
         if self.capture(capture_id).status.state == "running":
             raise RefusedError("this capture is not over; abort it first")
         del self.records[capture_id]
-        shutil.rmtree(self.runs / capture_id, ignore_errors=True)
+        run = self.runs / capture_id
+        for folder in (*trainings_on(run), run):
+            shutil.rmtree(folder, ignore_errors=True)
 
     def floor_plan(self) -> FloorPlan:
         places = tuple(
@@ -408,7 +412,8 @@ class FakeMission:
         return {"mission": self.mission_config}
 
     def run_folder(self, capture_id: str) -> Path:
-        self.capture(capture_id)
+        if capture_id in self.records or not is_run(self.runs, capture_id):
+            self.capture(capture_id)
         return self.runs / capture_id
 
     def keep(

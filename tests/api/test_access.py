@@ -81,6 +81,9 @@ async def test_only_an_admin_deletes(console: Console) -> None:
     console.mission.keep(capture_changed("run-1", "succeeded"))
     async with as_role(console, "operator") as client:
         is_problem(await client.delete("/api/v1/captures/run-1"), 403)
+        is_problem(await client.delete("/api/v1/captures/run-1/trainings/one"), 403)
+        # To look at the field from the orbit again deletes nothing.
+        is_problem(await client.delete("/api/v1/captures/run-1/view"), 409)
         assert (await client.post("/api/v1/fleet/hold")).status_code == 202
     async with as_role(console, "admin") as client:
         assert (await client.delete("/api/v1/captures/run-1")).status_code == 204

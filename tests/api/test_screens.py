@@ -29,6 +29,7 @@ from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
 from server.geometry.poses import look_at
+from server.jobs.spec import JobSpec
 from server.mission.events import (
     MetricsMeasured,
     NoGoChanged,
@@ -103,6 +104,23 @@ def furnish(console: Console) -> None:
     mission.checks = checklist(level_failed("drone-2"))
     mission.kept = [seed_fitted(), mission.records["run-3"].status, failsafe_fired("drone-3")]
     mission.reports["drone-3"] = drone_report("drone-3", activity="holding", video_age_s=4.2)
+
+
+def keep_training(
+    console: Console, name: str, *, psnr_db: float, only: bool = False, on: str = "run-1"
+) -> Path:
+    """Let a field trained anew on a capture be in the library."""
+    folder = console.mission.runs / name
+    parameters = {"source": "dataset", "dataset": str(console.mission.runs / on)}
+    parameters |= {"train_seconds": 90.0, "object_only": only}
+    JobSpec("reconstruct", parameters, seed=7).write(folder / "jobs/reconstruct")
+    metrics = {**parameters, "psnr_db": psnr_db, "ssim": 0.7, "flip": 0.15, "images_held_out": 3}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "held_out").mkdir()
+    for file in ("preview.jpg", "held_out/0000.jpg"):
+        (folder / file).write_bytes(jpeg(grey=180))
+    (folder / "mesh.glb").write_bytes(b"mesh")
+    return folder
 
 
 async def tell(console: Console) -> None:
@@ -273,16 +291,85 @@ async def test_a_capture_is_trained_anew_with_other_settings(
         job.news.put_nowait(news)
         progress = page.get_by_role("progressbar", name="Share of this stage done")
         await expect(progress).to_have_attribute("value", "0.25")
-        job.news.put_nowait({"event": "done", "psnr_db": 23.456, "ssim": 0.8})
+        run = Path(job.spec.parameters["out"])
+        (run / "mesh.glb").write_bytes(b"mesh")
+        about = {"dataset": job.spec.parameters["dataset"], "object_only": True}
+        judged = {"psnr_db": 23.456, "ssim": 0.8}
+        (run / "metrics.json").write_text(json.dumps(about | judged))
+        job.news.put_nowait({"event": "done", **judged})
         done = page.get_by_test_id("training-succeeded")
         await expect(done).to_contain_text("23.46 dB")
-        mesh = done.get_by_role("link", name="mesh.glb")
-        run = Path(job.spec.parameters["out"]).name
-        await expect(mesh).to_have_attribute("href", re.compile(f"/artifacts/{run}/mesh.glb$"))
+        await expect(done).to_contain_text("60 s, seed 7, the object alone")
+        mesh = done.get_by_role("link", name="mesh.glb").first
+        await expect(mesh).to_have_attribute("href", re.compile(f"/artifacts/{run.name}/mesh.glb$"))
         # What is cancelled says so.
         await start.click()
         await page.get_by_role("button", name="Cancel").click()
         await expect(page.get_by_test_id("training-cancelled")).to_be_visible()
+        await page.close()
+
+
+async def test_fields_trained_anew_are_compared_and_deleted(
+    tmp_path: Path, browser: Browser
+) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        first = keep_training(console, "20260501-120000-train-run-1", psnr_db=22.5)
+        second = keep_training(console, "20260502-120000-train-run-1", psnr_db=30.0, only=True)
+        keep_training(console, "20260503-120000-train-run-3", psnr_db=18.25, on="run-3")
+        console.mission.kept = [console.mission.keep(capture_changed("run-3", "succeeded")).status]
+        page = await browser.new_page(viewport={"width": 360, "height": 800})
+        await open_screen(console, page, "library")
+        await page.goto(f"{console.http}/#/library/run-1")
+        fields = page.locator(".field-card")
+        await expect(fields).to_have_count(3)
+        await expect(fields.nth(0)).to_contain_text("Trained in flight")
+        await expect(fields.nth(2)).to_contain_text("90 s, seed 7")
+        width = await page.evaluate("document.documentElement.scrollWidth")
+        assert width <= 360
+        assert await faults(page) == []
+        # The capture's own field is the one marked in the list of captures.
+        await page.get_by_test_id("mark-field-run-1").focus()
+        await page.keyboard.press("Enter")
+        await expect(page.get_by_test_id("mark-run-1")).to_be_checked()
+        await page.get_by_test_id(f"mark-field-{first.name}").check()
+        await expect(page.get_by_test_id(f"mark-field-{second.name}")).to_be_disabled()
+        await page.get_by_test_id("compare-fields").click()
+        row = page.get_by_test_id("difference-psnr")
+        await expect(row).to_contain_text("22.50 dB better")
+        await expect(page.get_by_test_id("difference-training")).to_contain_text("+30 s")
+        picture = page.get_by_role("combobox", name="Picture")
+        await picture.select_option(label="Rendering of picture 1, which was held out")
+        shown = page.get_by_test_id("comparison").locator("img").last
+        path = f"/artifacts/{first.name}/held_out/0000.jpg"
+        await expect(shown).to_have_attribute("src", re.compile(f"{path}$"))
+        assert await faults(page) == []
+        # An object before white is no better than a room.
+        await page.goto(f"{console.http}/#/library/run-1,run-1~{second.name}")
+        await expect(row).to_contain_text("30.00 dB")
+        await expect(row).not_to_contain_text("better")
+        await expect(page.get_by_test_id("comparison")).to_contain_text("before white")
+
+        await page.goto(f"{console.http}/#/library/run-1")
+        card = fields.filter(has=page.get_by_test_id(f"mark-field-{first.name}"))
+        delete = card.get_by_test_id("delete-training")
+        await delete.click()
+        assert first.is_dir()
+        await delete.click()
+        await expect(fields).to_have_count(2)
+        assert not first.exists()
+        # A mark on what is gone is none.
+        await expect(page.get_by_test_id("compare-fields")).to_have_count(0)
+        delete = page.get_by_test_id("delete-capture")
+        await delete.click()
+        await expect(delete).to_contain_text("with 1 field trained anew")
+        await delete.click()
+        await expect(page.get_by_test_id("capture-run-1")).to_have_count(0)
+        assert not second.exists()
+        # The screen of the newest capture shows those of before as well.
+        await page.get_by_test_id("screen-reconstruct").click()
+        await expect(fields).to_have_count(1)
+        await expect(fields).to_contain_text("18.25 dB")
         await page.close()
 
 

@@ -104,7 +104,7 @@ def test_a_capture_that_cannot_be_deleted_stays_in_the_list(tmp_path, monkeypatc
             raise OSError(16, "Device or resource busy")
 
         with monkeypatch.context() as patched:
-            patched.setattr("server.mission.control.delete_run", busy)
+            patched.setattr("server.mission.control.delete_with_trainings", busy)
             with pytest.raises(RefusedError, match="busy"):
                 await control.delete_capture(run.id)
         assert control.capture(run.id).status.state == "interrupted"
@@ -115,5 +115,24 @@ def test_a_capture_that_cannot_be_deleted_stays_in_the_list(tmp_path, monkeypatc
                 await control.delete_capture(run.id)
         with pytest.raises(UnknownError):
             control.capture(run.id)
+
+    asyncio.run(story())
+
+
+def test_a_capture_takes_its_fields_trained_anew_along_and_is_not_one_of_them(tmp_path):
+    async def story():
+        run = running_capture(tmp_path)
+        training = tmp_path / "20260501-120000-train-it"
+        training.mkdir()
+        (training / "metrics.json").write_text(json.dumps({"dataset": str(run.path)}))
+        config = FlightConfig(MissionConfig(), PlannerConfig(), VisionConfig(), SafetyConfig())
+        fleet = Fleet(fleet_config(SimConfig(drones=1)), config.safety)
+        control = Control(fleet, tmp_path, config, EventStream())
+        assert control.run_folder(training.name) == training
+        with pytest.raises(UnknownError):
+            await control.delete_capture(training.name)
+        await control.delete_capture(run.id)
+        assert not run.path.exists()
+        assert not training.exists()
 
     asyncio.run(story())

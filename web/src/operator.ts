@@ -17,6 +17,7 @@ import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
 import { scaleCapture, type KnownLengthWish, type ScaleFound } from "./api/scale";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
+import { deleteTraining } from "./api/trainings";
 import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
 import { anyFlying } from "./fly/activity";
@@ -213,6 +214,16 @@ export class Operator {
       (reason) => words.library.deleteFailed(captureId, reason),
     );
     if (done) this.log("info", words.library.deleted(captureId));
+    return done;
+  }
+
+  /** Delete a field trained anew and its files; false, and an alarm, when it was refused. */
+  async deleteTraining(captureId: string, trainingId: string): Promise<boolean> {
+    const done = await this.#carryOut(
+      () => deleteTraining(captureId, trainingId),
+      (reason) => words.library.deleteFailed(trainingId, reason),
+    );
+    if (done) this.log("info", words.library.deleted(trainingId));
     return done;
   }
 

@@ -1,4 +1,5 @@
 import type { CaptureEntry } from "../api/library";
+import { CheckBox } from "../design/CheckBox";
 import { decimal, moment } from "../design/format";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
@@ -40,14 +41,11 @@ export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCar
         </span>
       </div>
       <label className="mark">
-        <input
-          type="checkbox"
+        <CheckBox
           checked={marked}
           disabled={full && !marked}
-          data-testid={`mark-${entry.id}`}
-          onChange={(event) => {
-            onMark(event.target.checked);
-          }}
+          testId={`mark-${entry.id}`}
+          onChange={onMark}
         />
         <span className="mark-word">{text.mark}</span>
         <span className="sr-only"> {name}</span>

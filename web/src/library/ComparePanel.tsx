@@ -1,30 +1,31 @@
 import { useState } from "react";
-import { artifactUrl, getArtifacts, getCaptureFile, pictureFile, type CaptureEntry } from "../api/library";
+import { artifactUrl, getArtifacts, getCaptureFile, pictureFile } from "../api/library";
 import { useAnswer } from "../api/useAnswer";
 import { decimal, moment } from "../design/format";
 import { Panel } from "../design/Panel";
 import { Slider } from "../design/Slider";
+import { renderingFile } from "../judge/heldOut";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
 import { FilmPair } from "./FilmPair";
-import { differences, winner, type Difference } from "./run";
+import { differences, judgedAlike, winner, type Difference, type Field } from "./run";
 
 const FILM = "orbit.mp4";
 
 interface Pair {
-  readonly a: CaptureEntry;
-  readonly b: CaptureEntry;
+  readonly a: Field;
+  readonly b: Field;
 }
 
-/** Two captures: films or pictures of both under a slider, and what their figures differ in. */
+/** Two fields: films or pictures of both under a slider, and what their figures differ in. */
 export function ComparePanel({ a, b }: Pair) {
   const text = words.library;
   return (
     <Panel
       title={text.compareTitle}
       className="compare"
-      aside={<a href={hashOfScreen("library", a.id)}>{text.back}</a>}
+      aside={<a href={hashOfScreen("library", a.entry.id)}>{text.back}</a>}
     >
       <div className="compare-body" data-testid="comparison">
         <Pictures a={a} b={b} />
@@ -34,24 +35,20 @@ export function ComparePanel({ a, b }: Pair) {
   );
 }
 
-function nameOf(entry: CaptureEntry): string {
-  return entry.name === "" ? entry.id : entry.name;
-}
-
 function Pictures({ a, b }: Pair) {
-  const films = useAnswer(`${a.id} ${b.id}`, () => haveFilms(a.id, b.id)).value === true;
+  const files = useAnswer(`${a.id} ${b.id}`, () => filesOfBoth(a.id, b.id)).value;
+  const films = files?.has(FILM) === true;
   const [chosen, setChosen] = useState("");
   const text = words.library;
-  const pictures = Math.min(a.images, b.images);
   const shown = chosen === "" ? (films ? FILM : "preview.jpg") : chosen;
   return (
     <div className="compare-pictures">
       {shown === FILM ? (
-        <FilmPair a={a.id} b={b.id} altA={text.film(nameOf(a))} altB={text.film(nameOf(b))} />
+        <FilmPair a={a.id} b={b.id} altA={text.film(a.name)} altB={text.film(b.name)} />
       ) : (
         <Slider
-          a={<img src={artifactUrl(a.id, shown)} alt={text.rendering(nameOf(a))} />}
-          b={<img src={artifactUrl(b.id, shown)} alt={text.rendering(nameOf(b))} />}
+          a={<img src={artifactUrl(a.id, shown)} alt={text.rendering(a.name)} />}
+          b={<img src={artifactUrl(b.id, shown)} alt={text.rendering(b.name)} />}
           nameA="A"
           nameB="B"
           label={text.slide}
@@ -70,9 +67,9 @@ function Pictures({ a, b }: Pair) {
         >
           {films && <option value={FILM}>{text.films}</option>}
           <option value="preview.jpg">{text.lastRendering}</option>
-          {Array.from({ length: pictures }, (_, index) => (
-            <option key={index} value={pictureFile(index)}>
-              {text.taken(index + 1)}
+          {pictureChoices(a, b, files ?? new Set()).map(({ file, name }) => (
+            <option key={file} value={file}>
+              {name}
             </option>
           ))}
         </select>
@@ -81,14 +78,33 @@ function Pictures({ a, b }: Pair) {
   );
 }
 
-async function haveFilms(...captureIds: readonly string[]): Promise<boolean> {
-  const all = await Promise.all(captureIds.map(getArtifacts));
-  return all.every((files) => files.some((file) => file.path === FILM));
+/** Pictures of two captures, or what two fields make of the same capture's held-out ones. */
+function pictureChoices(
+  a: Field,
+  b: Field,
+  files: ReadonlySet<string>,
+): readonly { readonly file: string; readonly name: string }[] {
+  const text = words.library;
+  const numbers = Array.from({ length: Math.min(a.entry.images, b.entry.images) }, (_, index) => index);
+  if (a.training === null && b.training === null) {
+    return numbers.map((index) => ({ file: pictureFile(index), name: text.taken(index + 1) }));
+  }
+  if (a.entry.id !== b.entry.id) return [];
+  return numbers
+    .filter((index) => files.has(renderingFile(index)))
+    .map((index) => ({ file: renderingFile(index), name: text.renderedFrom(index + 1) }));
+}
+
+/** The files that both runs have. */
+async function filesOfBoth(a: string, b: string): Promise<ReadonlySet<string>> {
+  const [first, second] = await Promise.all([getArtifacts(a), getArtifacts(b)]);
+  const there = new Set(first.map((file) => file.path));
+  return new Set(second.map((file) => file.path).filter((path) => there.has(path)));
 }
 
 function Table({ a, b }: Pair) {
-  const fileA = useAnswer(a.id, () => getCaptureFile(a.id)).value;
-  const fileB = useAnswer(b.id, () => getCaptureFile(b.id)).value;
+  const fileA = useAnswer(a.entry.id, () => getCaptureFile(a.entry.id)).value;
+  const fileB = useAnswer(b.entry.id, () => getCaptureFile(b.entry.id)).value;
   const text = words.library;
   return (
     <>
@@ -97,33 +113,46 @@ function Table({ a, b }: Pair) {
           <thead>
             <tr>
               <th scope="col">{text.figure}</th>
-              <th scope="col">A: {nameOf(a)}</th>
-              <th scope="col">B: {nameOf(b)}</th>
+              <th scope="col">A: {a.name}</th>
+              <th scope="col">B: {b.name}</th>
               <th scope="col">B − A</th>
             </tr>
           </thead>
           <tbody>
             <tr>
               <th scope="row">{text.started}</th>
-              <td>{moment(a.started_at)}</td>
-              <td>{moment(b.started_at)}</td>
+              <td>{moment(startOf(a))}</td>
+              <td>{moment(startOf(b))}</td>
               <td />
             </tr>
             <tr>
               <th scope="row">{words.mission.form.mode}</th>
-              <td>{modeWord(a.mode)}</td>
-              <td>{modeWord(b.mode)}</td>
+              <td>{modeWord(a.entry.mode)}</td>
+              <td>{modeWord(b.entry.mode)}</td>
               <td />
             </tr>
+            {(a.training !== null || b.training !== null) && (
+              <tr>
+                <th scope="row">{text.shows}</th>
+                <td>{text.part(a.training?.object_only === true)}</td>
+                <td>{text.part(b.training?.object_only === true)}</td>
+                <td />
+              </tr>
+            )}
             {differences(a, b, fileA, fileB).map((row) => (
               <Row key={row.key} row={row} />
             ))}
           </tbody>
         </table>
       </div>
-      <p className="hint">{text.caution}</p>
+      {a.entry.id !== b.entry.id && <p className="hint">{text.caution}</p>}
+      {!judgedAlike(a, b) && <p className="hint">{text.cautionObject}</p>}
     </>
   );
+}
+
+function startOf({ entry, training }: Field): string {
+  return training === null ? entry.started_at : training.created_at;
 }
 
 function Row({ row }: { readonly row: Difference }) {

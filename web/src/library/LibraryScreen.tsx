@@ -4,11 +4,13 @@ import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
-import { hashOfScreen } from "../shell/screens";
 import { ReplayPanel } from "../replay/ReplayPanel";
 import { words } from "../text/words";
 import { CaptureCard } from "./CaptureCard";
-import { ComparePanel } from "./ComparePanel";
+import { CompareBar } from "./CompareBar";
+import { Comparison } from "./Comparison";
+import { readFieldKey } from "./fieldKey";
+import type { Marks } from "./FieldList";
 import { REPLAY, RunPanel } from "./RunPanel";
 
 /** Captures of today and of before: look at one, or lay two side by side. */
@@ -20,8 +22,17 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
   );
   const { value: captures, error, again } = useAnswer(known, getCaptures);
   const [ids = "", view] = captureId.split("/");
-  const shown = ids.split(",").flatMap((id) => captures?.find((entry) => entry.id === id) ?? []);
-  const [first, second] = shown;
+  const keys = ids.split(",");
+  const [marked, setMarked] = useState<readonly string[]>(() => (keys.length === 2 ? keys : []));
+  const entryOf = (key: string) => captures?.find((entry) => entry.id === readFieldKey(key).capture);
+  const shown = keys.flatMap((key) => entryOf(key) ?? []);
+  const [first] = shown;
+  const marks = {
+    keys: captures === null ? marked : marked.filter((key) => entryOf(key) !== undefined),
+    onMark: (key: string, mark: boolean) => {
+      setMarked(mark ? [...marks.keys, key] : marks.keys.filter((each) => each !== key));
+    },
+  };
   const text = words.library;
   return (
     <>
@@ -36,7 +47,9 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
             </p>
           )}
           {captures?.length === 0 && <p className="empty">{text.none}</p>}
-          {captures !== null && captures.length > 0 && <List captures={captures} shown={shown} />}
+          {captures !== null && captures.length > 0 && (
+            <List captures={captures} shown={shown} marks={marks} />
+          )}
         </Panel>
       </div>
       <div className="column column-run">
@@ -48,46 +61,36 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
           </Panel>
         ) : view === REPLAY ? (
           <ReplayPanel key={first.id} entry={first} />
-        ) : second === undefined ? (
-          <RunPanel key={first.id} entry={first} onChanged={again} />
+        ) : shown.length === 2 && captures !== null ? (
+          <Comparison key={ids} keys={keys} captures={captures} />
         ) : (
-          <ComparePanel key={`${first.id} ${second.id}`} a={first} b={second} />
+          <RunPanel key={first.id} entry={first} marks={marks} onChanged={again} />
         )}
       </div>
     </>
   );
 }
 
-function List({ captures, shown }: { readonly captures: readonly CaptureEntry[]; readonly shown: readonly CaptureEntry[] }) {
-  const [marked, setMarked] = useState<readonly string[]>(() =>
-    shown.length === 2 ? shown.map((entry) => entry.id) : [],
-  );
-  const pair = marked.filter((id) => captures.some((entry) => entry.id === id));
-  const [a, b] = pair;
+interface ListProps {
+  readonly captures: readonly CaptureEntry[];
+  readonly shown: readonly CaptureEntry[];
+  readonly marks: Marks;
+}
+
+function List({ captures, shown, marks }: ListProps) {
   return (
     <>
-      <p className="compare-bar">
-        <span>{words.library.marked(pair.length)}</span>
-        {a !== undefined && b !== undefined && (
-          <a
-            className="button button-small button-primary"
-            data-testid="compare"
-            href={hashOfScreen("library", `${a},${b}`)}
-          >
-            {words.library.compare}
-          </a>
-        )}
-      </p>
+      <CompareBar pair={marks.keys} testId="compare" />
       <ul className="captures" tabIndex={0} aria-label={words.library.title}>
         {captures.map((entry) => (
           <CaptureCard
             key={entry.id}
             entry={entry}
             current={shown.includes(entry)}
-            marked={pair.includes(entry.id)}
-            full={pair.length >= 2}
+            marked={marks.keys.includes(entry.id)}
+            full={marks.keys.length >= 2}
             onMark={(mark) => {
-              setMarked(mark ? [...pair, entry.id] : pair.filter((id) => id !== entry.id));
+              marks.onMark(entry.id, mark);
             }}
           />
         ))}

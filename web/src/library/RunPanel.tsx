@@ -10,19 +10,29 @@ import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
 import { GoOnButton } from "../retrain/GoOnButton";
-import { TrainAnew } from "../retrain/TrainAnew";
+import { TrainingForm } from "../retrain/TrainingForm";
+import { useTrainings } from "../retrain/useTrainings";
 import { KnownLength } from "../scale/KnownLength";
 import { canGoOn, isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
+import { FieldList, type Marks } from "./FieldList";
 import { filesByFolder, flightSeconds } from "./run";
 import { RunFilm } from "./RunFilm";
 import { RunPicture } from "./RunPicture";
 
-/** One capture: its rendering, its figures, its files, and what can be done with it. */
-export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; readonly onChanged: () => void }) {
+interface RunPanelProps {
+  readonly entry: CaptureEntry;
+  readonly marks: Marks;
+  readonly onChanged: () => void;
+}
+
+/** One capture: its rendering, its figures, its fields, its files, and what can be done with it. */
+export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
   const operator = useOperator();
   const { value: files, error } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
+  const trainings = useTrainings(entry.id);
+  const anew = trainings.value ?? [];
   const text = words.library;
   const name = entry.name === "" ? entry.id : entry.name;
   return (
@@ -42,8 +52,16 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
         <RunFacts entry={entry} />
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
+        {trainings.error !== null && <p className="field-error">{text.failed(trainings.error)}</p>}
+        {(entry.metrics !== null || anew.length > 0) && (
+          <FieldList entry={entry} files={files ?? []} trainings={anew} marks={marks} onChanged={trainings.again} />
+        )}
         {!isActiveState(entry.state) && entry.images > 0 && (
-          <TrainAnew key={entry.id} captureId={entry.id} />
+          <section className="retrain" aria-label={words.retrain.title}>
+            <h3>{words.retrain.title}</h3>
+            <p className="hint">{words.retrain.hint}</p>
+            <TrainingForm captureId={entry.id} onStarted={trainings.again} />
+          </section>
         )}
         {entry.state === "succeeded" && entry.images > 1 && (
           <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />
@@ -64,7 +82,7 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
               confirm={
                 <>
                   <Icon name="trash" />
-                  {text.deleteConfirm}
+                  {anew.length === 0 ? text.deleteConfirm : text.deleteWithFields(anew.length)}
                 </>
               }
               onConfirm={() => {

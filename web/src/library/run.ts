@@ -1,4 +1,31 @@
-import type { Artifact, CaptureEntry, CaptureFile } from "../api/library";
+import type { Artifact, CaptureEntry, CaptureFile, RunMetrics } from "../api/library";
+import type { Training } from "../api/trainings";
+import { moment } from "../design/format";
+import { words } from "../text/words";
+
+/** A field to compare: a capture's own, or one trained anew on its pictures. */
+export interface Field {
+  /** Of the run folder with its files. */
+  readonly id: string;
+  readonly name: string;
+  readonly entry: CaptureEntry;
+  readonly training: Training | null;
+}
+
+/** What people call a field. */
+export function fieldName(entry: CaptureEntry, training: Training | null): string {
+  const name = entry.name === "" ? entry.id : entry.name;
+  return training === null ? name : words.library.anew(name, moment(training.created_at));
+}
+
+function metricsOf({ entry, training }: Field): RunMetrics | null {
+  return training === null ? entry.metrics : training.metrics;
+}
+
+/** Whether two fields are judged in the same way: one that shows the object alone is judged before white. */
+export function judgedAlike(a: Field, b: Field): boolean {
+  return (a.training?.object_only ?? false) === (b.training?.object_only ?? false);
+}
 
 /** A run's files by their first folder, those of the run folder itself first. */
 export function filesByFolder(
@@ -22,7 +49,7 @@ export function flightSeconds(seconds: CaptureFile["seconds"]): number | null {
   return flown.length === 0 ? null : flown.reduce((sum, [, value]) => sum + value, 0);
 }
 
-/** One figure of two runs. */
+/** One figure of two fields. */
 export interface Difference {
   readonly key: "psnr" | "psnrObject" | "ssim" | "flip" | "images" | "heldOut" | "flight" | "training" | "seed";
   readonly a: number | null;
@@ -33,31 +60,45 @@ export interface Difference {
   readonly better: "more" | "less" | null;
 }
 
-/** The figures of two runs side by side. */
+/** The figures of two fields side by side; the files are those of their captures. */
 export function differences(
-  a: CaptureEntry,
-  b: CaptureEntry,
+  a: Field,
+  b: Field,
   fileA: CaptureFile | null,
   fileB: CaptureFile | null,
 ): readonly Difference[] {
-  const both = (pick: (entry: CaptureEntry, file: CaptureFile | null) => number | null | undefined) => ({
+  const whole = judgedAlike(a, b);
+  const more = whole ? "more" : null;
+  const both = (pick: (field: Field, file: CaptureFile | null) => number | null | undefined) => ({
     a: pick(a, fileA) ?? null,
     b: pick(b, fileB) ?? null,
   });
   return [
-    { key: "psnr", ...both((run) => run.metrics?.psnr_db), digits: 2, unit: "dB", better: "more" },
-    { key: "psnrObject", ...both((run) => run.metrics?.psnr_db_object), digits: 2, unit: "dB", better: "more" },
-    { key: "ssim", ...both((run) => run.metrics?.ssim), digits: 3, unit: "", better: "more" },
-    { key: "flip", ...both((run) => run.metrics?.flip), digits: 3, unit: "", better: "less" },
-    { key: "images", ...both((run) => run.images), digits: 0, unit: "", better: null },
-    { key: "heldOut", ...both((run) => run.metrics?.images_held_out), digits: 0, unit: "", better: null },
+    { key: "psnr", ...both((field) => metricsOf(field)?.psnr_db), digits: 2, unit: "dB", better: more },
+    { key: "psnrObject", ...both((field) => metricsOf(field)?.psnr_db_object), digits: 2, unit: "dB", better: "more" },
+    { key: "ssim", ...both((field) => metricsOf(field)?.ssim), digits: 3, unit: "", better: more },
+    { key: "flip", ...both((field) => metricsOf(field)?.flip), digits: 3, unit: "", better: whole ? "less" : null },
+    { key: "images", ...both((field) => field.entry.images), digits: 0, unit: "", better: null },
+    { key: "heldOut", ...both((field) => metricsOf(field)?.images_held_out), digits: 0, unit: "", better: null },
     { key: "flight", ...both((_, file) => flightSeconds(file?.seconds)), digits: 0, unit: "s", better: "less" },
-    { key: "training", ...both((_, file) => file?.request?.train_seconds), digits: 0, unit: "s", better: null },
-    { key: "seed", ...both((_, file) => file?.request?.seed), digits: 0, unit: "", better: null },
+    {
+      key: "training",
+      ...both(({ training }, file) => (training === null ? file?.request?.train_seconds : training.seconds)),
+      digits: 0,
+      unit: "s",
+      better: null,
+    },
+    {
+      key: "seed",
+      ...both(({ training }, file) => (training === null ? file?.request?.seed : training.seed)),
+      digits: 0,
+      unit: "",
+      better: null,
+    },
   ];
 }
 
-/** Which run a figure speaks for; null where it speaks for neither, or they show the same. */
+/** Which field a figure speaks for; null where it speaks for neither, or they show the same. */
 export function winner({ a, b, better, digits }: Difference): "a" | "b" | null {
   if (a === null || b === null || better === null || a.toFixed(digits) === b.toFixed(digits)) return null;
   return a > b === (better === "more") ? "a" : "b";

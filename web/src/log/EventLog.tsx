@@ -1,5 +1,6 @@
 import { useEffect, useRef, useState } from "react";
 import { useConsole } from "../context";
+import { CheckBox } from "../design/CheckBox";
 import { timeOfDay } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
@@ -77,13 +78,7 @@ export function EventLog() {
             ))}
           </div>
           <label className="follow">
-            <input
-              type="checkbox"
-              checked={follow}
-              onChange={(event) => {
-                setFollow(event.target.checked);
-              }}
-            />
+            <CheckBox checked={follow} onChange={setFollow} />
             {words.log.follow}
           </label>
         </>

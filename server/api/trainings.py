@@ -1,0 +1,182 @@
+"""The fields trained anew on a capture's pictures: what there is, and deleting one.
+
+The list is read from the run folders, so a console that was started anew shows the same; what is
+under way at the moment is told by the book of jobs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Literal, cast
+
+from fastapi import APIRouter
+from fastapi.responses import Response
+from pydantic import BaseModel
+
+from server.api.files import FoundFile, files_below
+from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
+from server.api.problems import described, json_safe
+from server.api.results import Artifact, artifact_of
+from server.jobs.book import JobBook, JobRecord
+from server.mission.commands import MissionControl, RefusedError, UnknownError
+from server.store.deletion import delete_training
+from server.store.row import RunRow, read_row
+from server.store.trainings import Training, read_training, training_asked_for, trainings_on
+
+TrainingState = Literal["queued", "running", "succeeded", "failed", "cancelled", "interrupted"]
+_MOST_FILES = 200
+
+
+class TrainingView(BaseModel):
+    """A field trained anew, as it stands.
+
+    ``id`` is its run's, by which ``artifacts`` has its files; ``files`` are the first of them.
+    ``seconds`` and ``seed`` are what was asked for, null where the run does not tell, ``metrics``
+    what the judgement found. ``job`` can be cancelled; it is null once it is over, and for a
+    training that this console did not start. ``progress`` is the share of ``phase`` done, 0 to 1.
+    """
+
+    id: str
+    capture: str
+    state: TrainingState
+    phase: str
+    progress: float
+    error: str | None
+    job: str | None
+    created_at: datetime
+    seconds: float | None
+    seed: int | None
+    object_only: bool
+    metrics: dict[str, object] | None
+    size_bytes: int
+    files: list[Artifact]
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """A training's run folder."""
+
+    row: RunRow
+    training: Training
+    files: list[FoundFile]
+
+
+def make_trainings_router(mission: MissionControl, book: JobBook, prefix: str) -> APIRouter:
+    """Return the routes ``/captures/{id}/trainings``.
+
+    Addresses of files begin with ``prefix``, the path that a proxy puts before all of ours.
+    """
+    router = APIRouter(prefix="/api/v1/captures", tags=["results"])
+
+    @router.get(
+        "/{capture_id}/trainings",
+        operation_id="listTrainings",
+        responses={200: PAGED, **described(404, 422)},
+    )
+    async def list_trainings(
+        capture_id: str, response: Response, limit: Limit = 200, cursor: Cursor = None
+    ) -> list[TrainingView]:
+        """Return the fields trained anew on a capture's pictures, newest first."""
+        mission.capture(capture_id)
+        folders = await asyncio.to_thread(trainings_on, mission.run_folder(capture_id))
+        places = {folder.name: folder for folder in folders}
+        jobs = book.trainings_on(capture_id)
+        ids = sorted({*places, *jobs}, reverse=True)
+        page, after = page_of(ids, str, limit, cursor)
+        link_next(response, f"/api/v1/captures/{capture_id}/trainings", after, limit=limit)
+        shown = [places[each] for each in page if each in places]
+        kept = await asyncio.to_thread(_read, shown)
+        views = (_view(each, capture_id, kept.get(each), jobs.get(each), prefix) for each in page)
+        return [view for view in views if view is not None]
+
+    @router.delete(
+        "/{capture_id}/trainings/{training_id}",
+        operation_id="deleteTraining",
+        status_code=204,
+        responses=described(404, 409),
+    )
+    async def delete_one(capture_id: str, training_id: str) -> Response:
+        """Delete a field trained anew, and all its files, for good; the capture stays."""
+        mission.capture(capture_id)
+        if training_id in book.at_work():
+            raise RefusedError("this training is not over; cancel it first")
+        folders = await asyncio.to_thread(trainings_on, mission.run_folder(capture_id))
+        folder = next((each for each in folders if each.name == training_id), None)
+        if folder is None:
+            raise UnknownError(f"no training {training_id!r} on {capture_id}")
+        try:
+            await asyncio.to_thread(delete_training, folder)
+        except (OSError, ValueError) as error:
+            raise RefusedError(f"not all of it could be deleted: {error}") from error
+        return Response(status_code=204)
+
+    return router
+
+
+def _read(folders: list[Path]) -> dict[str, _Kept]:
+    kept: dict[str, _Kept] = {}
+    for folder in folders:
+        row, training = read_row(folder), read_training(folder)
+        if row is not None and training is not None:
+            kept[folder.name] = _Kept(row, training, files_below(folder, _MOST_FILES))
+    return kept
+
+
+def _view(
+    training_id: str, capture_id: str, kept: _Kept | None, job: JobRecord | None, prefix: str
+) -> TrainingView | None:
+    """Return what is told of a training; None for one that is over and has left no folder."""
+    if kept is not None:
+        view = _from_folder(capture_id, kept, prefix)
+    elif job is not None and not job.over:
+        view = _from_job(training_id, capture_id, job)
+    else:
+        return None
+    if job is None or (job.over and view.state == "succeeded"):
+        return view  # It may have been gone on with since.
+    now = {"state": job.state, "phase": job.phase, "progress": job.progress, "error": job.error}
+    return view.model_copy(update=now | {"job": None if job.over else job.id})
+
+
+def _from_folder(capture_id: str, kept: _Kept, prefix: str) -> TrainingView:
+    row, training = kept.row, kept.training
+    return TrainingView(
+        id=row.id,
+        capture=capture_id,
+        state=cast(TrainingState, row.state),
+        phase="",
+        progress=1.0 if training.finished else 0.0,
+        error=training.error,
+        job=None,
+        created_at=datetime.fromtimestamp(row.begun_unix_s, UTC),
+        seconds=training.seconds,
+        seed=training.seed,
+        object_only=training.object_only,
+        metrics=cast("dict[str, object] | None", json_safe(training.metrics)),
+        size_bytes=row.size_bytes,
+        files=[artifact_of(row.id, file, prefix) for file in kept.files],
+    )
+
+
+def _from_job(training_id: str, capture_id: str, job: JobRecord) -> TrainingView:
+    """Return a training that waits: it has no folder yet."""
+    asked = training_asked_for(job.spec.parameters, job.spec.seed)
+    return TrainingView(
+        id=training_id,
+        capture=capture_id,
+        state=job.state,
+        phase=job.phase,
+        progress=job.progress,
+        error=job.error,
+        job=job.id,
+        created_at=job.created_at,
+        seconds=asked.seconds,
+        seed=asked.seed,
+        object_only=asked.object_only,
+        metrics=None,
+        size_bytes=0,
+        files=[],
+    )
