@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from server.api.problems import described
 from server.mission.commands import MissionControl, RefusedError, UnknownError
@@ -16,6 +17,12 @@ from server.recording.reading import RecordingError
 from server.recording.reel import CONTENTS, FOLDER, make_reel
 
 _ACTIVE = frozenset({"queued", "running", "paused"})
+
+
+# Lists, not tuples: many readers of the OpenAPI document know no other arrays.
+WayPoint = Annotated[list[float], Field(min_length=5, max_length=5)]
+Corner = Annotated[list[float], Field(min_length=3, max_length=3)]
+Corners = Annotated[list[Corner], Field(min_length=2, max_length=2)]
 
 
 class DroneReplay(BaseModel):
@@ -28,14 +35,14 @@ class DroneReplay(BaseModel):
     drone_id: str
     film: str | None
     begins_s: float
-    way: list[list[float]]
+    way: list[WayPoint]
 
 
 class ReplayMoment(BaseModel):
     """Something that happened: a log line, or a ``picture`` with its number as ``text``."""
 
     at_s: float
-    kind: str
+    kind: Literal["picture", "info", "warning", "error"]
     drone_id: str
     text: str
 
@@ -46,7 +53,7 @@ class ReplayView(BaseModel):
     seconds: float
     drones: list[DroneReplay]
     moments: list[ReplayMoment]
-    object_box: list[list[float]] | None
+    object_box: Corners | None
 
 
 def make_replays_router(mission: MissionControl) -> APIRouter:

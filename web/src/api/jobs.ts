@@ -1,22 +1,11 @@
-import { request, requestAll } from "./request";
+import type { JobView, TrainingSpec } from "../protocol/rest.gen";
+import { call, callAll } from "./call";
 
 /** A worker is asked first, then told, and then ended: that may take this long. */
 export const CANCEL_MS = 30_000;
 
-/** A background job as it stands. */
-export interface Job {
-  readonly id: string;
-  readonly kind: "plan" | "reconstruct" | "render" | "export";
-  readonly state: "queued" | "running" | "succeeded" | "failed" | "cancelled";
-  readonly phase: string;
-  /** Share of the phase done, 0 to 1. */
-  readonly progress: number;
-  readonly run: string;
-  readonly capture: string | null;
-  readonly error: string | null;
-  readonly created_at: string;
-  readonly result: JobResult | null;
-}
+/** A background job as it stands. `result` is what its run folder was given, as far as it is shown. */
+export type Job = Omit<JobView, "result"> & { readonly result: JobResult | null };
 
 /** What a training ended with, as far as it is shown. */
 export interface JobResult {
@@ -26,16 +15,11 @@ export interface JobResult {
 }
 
 /** A training anew, on the pictures of a capture that is over. */
-export interface TrainingWish {
-  readonly capture: string;
-  readonly seconds: number;
-  readonly object_only: boolean;
-  readonly seed: number;
-}
+export type TrainingWish = Required<TrainingSpec>;
 
 /** The trainings anew on a capture's pictures since the console's start, newest first. @throws RequestError */
 export async function getTrainings(captureId: string): Promise<readonly Job[]> {
-  const jobs = (await requestAll("/jobs")) as readonly Job[];
+  const jobs = await callAll("GET /jobs");
   // The capture's own training works for the capture's own run.
   return jobs.filter((job) => job.capture === captureId && runOf(job) !== captureId);
 }
@@ -47,10 +31,10 @@ export function runOf(job: Job): string {
 
 /** @throws RequestError when it is refused or not answered. */
 export async function startTraining(wish: TrainingWish): Promise<void> {
-  await request("POST", "/reconstructions", wish);
+  await call("POST /reconstructions", { body: wish });
 }
 
 /** @throws RequestError when it is not answered. */
 export async function cancelJob(jobId: string): Promise<void> {
-  await request("POST", `/jobs/${encodeURIComponent(jobId)}/cancel`, undefined, CANCEL_MS);
+  await call("POST /jobs/{job_id}/cancel", { path: { job_id: jobId }, timeoutMs: CANCEL_MS });
 }
