@@ -17,11 +17,22 @@ export interface JobResult {
 /** A training anew, on the pictures of a capture that is over. */
 export type TrainingWish = Required<TrainingSpec>;
 
+/** A training anew, and how many others come before it. */
+export type Training = Job & { readonly ahead: number };
+
 /** The trainings anew on a capture's pictures since the console's start, newest first. @throws RequestError */
-export async function getTrainings(captureId: string): Promise<readonly Job[]> {
-  const jobs = await callAll("GET /jobs");
-  // The capture's own training works for the capture's own run.
-  return jobs.filter((job) => job.capture === captureId && runOf(job) !== captureId);
+export async function getTrainings(captureId: string): Promise<readonly Training[]> {
+  return trainingsOf(captureId, await callAll("GET /jobs"));
+}
+
+/** The trainings anew on a capture's pictures; they wait for each other, whichever capture's they are. */
+export function trainingsOf(captureId: string, jobs: readonly Job[]): readonly Training[] {
+  // A capture's own training works for the capture's own run.
+  const anew = jobs.filter((job) => job.capture !== null && runOf(job) !== job.capture);
+  const waited = anew.filter(({ state }) => state === "queued" || state === "running");
+  return anew
+    .filter((job) => job.capture === captureId)
+    .map((job) => ({ ...job, ahead: waited.filter((other) => other.id < job.id).length }));
 }
 
 /** The id of the run that a job works for. */

@@ -4,6 +4,7 @@ import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { hashOfScreen } from "../shell/screens";
 import { ReplayPanel } from "../replay/ReplayPanel";
 import { words } from "../text/words";
@@ -18,7 +19,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
     (state) =>
       `${state.epoch} ${state.capture?.id ?? ""} ${state.capture?.state ?? ""} ${state.findings.metrics?.at ?? ""}`,
   );
-  const { value: captures, error, again } = useAnswer(known, getCaptures);
+  const { value: captures, error, asking, again } = useAnswer(known, getCaptures);
   const [ids = "", view] = captureId.split("/");
   const shown = ids.split(",").flatMap((id) => captures?.find((entry) => entry.id === id) ?? []);
   const [first, second] = shown;
@@ -27,6 +28,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
     <>
       <div className="column">
         <Panel title={text.title} className="library" aside={captures !== null && <span>{text.count(captures.length)}</span>}>
+          {captures === null && asking && <Asking />}
           {error !== null && (
             <p className="field-error" role="alert">
               {text.failed(error)}{" "}

@@ -1,10 +1,13 @@
 import { getArtifacts, getCaptureFile, type Artifact, type CaptureEntry } from "../api/library";
+import { LONG_WORK_MS } from "../api/request";
 import { useAnswer } from "../api/useAnswer";
 import { useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
 import { bytes, clock, decimal, moment, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { useUnderWay } from "../design/useUnderWay";
+import { Asking, Waiting } from "../design/Waiting";
 import { HeldOutView } from "../judge/HeldOutView";
 import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
@@ -22,7 +25,8 @@ import { RunPicture } from "./RunPicture";
 /** One capture: its rendering, its figures, its files, and what can be done with it. */
 export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; readonly onChanged: () => void }) {
   const operator = useOperator();
-  const { value: files, error } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
+  const [deleting, followDeletion] = useUnderWay();
+  const { value: files, error, asking } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
   const text = words.library;
   const name = entry.name === "" ? entry.id : entry.name;
   return (
@@ -40,6 +44,7 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
           </section>
         )}
         <RunFacts entry={entry} />
+        {files === null && asking && <Asking />}
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
         {!isActiveState(entry.state) && entry.images > 0 && (
@@ -55,6 +60,7 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"
+              disabled={deleting}
               label={
                 <>
                   <Icon name="trash" />
@@ -68,13 +74,15 @@ export function RunPanel({ entry, onChanged }: { readonly entry: CaptureEntry; r
                 </>
               }
               onConfirm={() => {
-                void operator.deleteCapture(entry.id).then((done) => {
-                  if (!done) return;
+                const done = operator.deleteCapture(entry.id).then((deleted) => {
+                  if (!deleted) return;
                   location.hash = hashOfScreen("library");
                   onChanged();
                 });
+                followDeletion(done);
               }}
             />
+            {deleting && <Waiting what={text.deleting(files?.length ?? null)} mostMs={LONG_WORK_MS} />}
           </div>
         )}
       </div>

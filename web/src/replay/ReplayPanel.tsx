@@ -1,10 +1,12 @@
 import type { CaptureEntry } from "../api/library";
 import { getReplay, type Replay } from "../api/replay";
+import { LONG_WORK_MS } from "../api/request";
 import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { clock as clockText } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Waiting } from "../design/Waiting";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { MomentList } from "./MomentList";
@@ -18,7 +20,7 @@ const SPEEDS = [0.5, 1, 2, 4];
 
 /** A capture's recording: all videos, the way of every drone and what happened, in step. */
 export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
-  const { value: replay, error, again } = useAnswer(entry.id, () => getReplay(entry.id));
+  const { value: replay, error, asking, again } = useAnswer(entry.id, () => getReplay(entry.id));
   const text = words.replay;
   const name = entry.name === "" ? entry.id : entry.name;
   return (
@@ -27,7 +29,7 @@ export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
       className="run replay-panel"
       aside={<a href={hashOfScreen("library", entry.id)}>{text.back}</a>}
     >
-      {error !== null && (
+      {error !== null && !asking && (
         <p className="field-error" role="alert">
           {text.failed(error)}{" "}
           <button type="button" className="button button-small" onClick={again}>
@@ -35,9 +37,9 @@ export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
           </button>
         </p>
       )}
-      {error === null && replay === null && (
-        <p className="empty" role="status">
-          {text.making}
+      {replay === null && asking && (
+        <p className="empty">
+          <Waiting what={text.making} mostMs={LONG_WORK_MS} />
         </p>
       )}
       {replay !== null && <Shown replay={replay} />}

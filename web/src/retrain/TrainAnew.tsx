@@ -1,11 +1,13 @@
 import { useEffect, useId, useState, type SubmitEvent } from "react";
-import { getTrainings, runOf, type Job } from "../api/jobs";
+import { CANCEL_MS, getTrainings, runOf, type Training as Job } from "../api/jobs";
 import { artifactUrl } from "../api/library";
 import { useAnswer } from "../api/useAnswer";
 import { useOperator } from "../context";
-import { decimal, moment, withUnit } from "../design/format";
+import { clock, decimal, moment, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { NumberField } from "../design/NumberField";
+import { useUnderWay } from "../design/useUnderWay";
+import { TimeLeft, Waiting } from "../design/Waiting";
 import { words } from "../text/words";
 
 const LEAST_S = 1;
@@ -126,33 +128,49 @@ function TrainingForm({ captureId, onStarted }: TrainingFormProps) {
 
 function Training({ job, onChanged }: { readonly job: Job; readonly onChanged: () => void }) {
   const operator = useOperator();
+  const [cancelling, followCancel] = useUnderWay();
   const text = words.retrain;
-  const stages: Readonly<Record<string, string>> = words.field.stage;
   return (
     <li data-testid={`training-${job.state}`}>
       <span className="training-when">{moment(job.created_at)}</span>
       <strong>{text.state[job.state]}</strong>
-      {job.state === "running" && (
-        <>
-          <span>{stages[job.phase] ?? job.phase}</span>
-          <progress aria-label={text.progress} value={job.progress} max={1} />
-        </>
-      )}
+      {job.state === "queued" && <span>{text.ahead(job.ahead)}</span>}
+      {job.state === "running" && <Stage key={job.phase} job={job} />}
       {isUnfinished(job) && (
         <button
           type="button"
           className="button button-small button-quiet"
+          disabled={cancelling}
           onClick={() => {
-            void operator.cancelJob(job.id).then(onChanged);
+            followCancel(operator.cancelJob(job.id).then(onChanged));
           }}
         >
           <Icon name="abort" />
           {text.cancel}
         </button>
       )}
+      {cancelling && <Waiting quiet what={text.cancelling} mostMs={CANCEL_MS} />}
       {job.error !== null && <span className="field-error">{job.error}</span>}
       {job.state === "succeeded" && <Result job={job} />}
     </li>
+  );
+}
+
+/** How far the stage is that a training is at; the later ones are of other lengths. */
+function Stage({ job }: { readonly job: Job }) {
+  const text = words.retrain;
+  const names: Readonly<Record<string, string>> = words.field.stage;
+  // Nothing but the server's own clock goes into it: the browser's may be another.
+  const [askedS, nowS] = [job.created_at, job.updated_at].map((at) => Date.parse(at) / 1000) as [number, number];
+  if (job.phase === "") return <Waiting quiet what={text.begins} />;
+  return (
+    <>
+      <span>{names[job.phase] ?? job.phase}</span>
+      {/* Of a stage that does not tell its length there is no share. */}
+      <progress aria-label={text.progress} value={job.progress > 0 ? job.progress : undefined} max={1} />
+      <TimeLeft share={job.progress} atS={nowS} />
+      <span>{text.since(clock(nowS - askedS))}</span>
+    </>
   );
 }
 
