@@ -310,6 +310,9 @@ async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: B
         await expect(waiting).to_have_text(
             re.compile(r"^Reading the recording.*… 0:0[2-9], at most 5:00$")
         )
+        await page.route("**/replay/progress", lambda route: route.fulfill(json={"share": 0.4}))
+        read = page.get_by_role("progressbar", name="Share of the recording read")
+        await expect(read).to_have_attribute("value", "0.4")
         answered.set()
         again = page.get_by_role("button", name="Ask again")
         await expect(again).to_be_visible()

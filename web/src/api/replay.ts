@@ -17,3 +17,9 @@ export async function getReplay(captureId: string): Promise<Replay> {
     timeoutMs: LONG_WORK_MS,
   });
 }
+
+/** How much of a recording has been read by now, 0 to 1; null while nobody reads it. @throws RequestError */
+export async function getReplayShare(captureId: string): Promise<number | null> {
+  const path = { capture_id: captureId };
+  return (await call("GET /captures/{capture_id}/replay/progress", { path })).share;
+}

@@ -4,6 +4,7 @@ import { useAnswer } from "../api/useAnswer";
 import { decimal, moment } from "../design/format";
 import { Panel } from "../design/Panel";
 import { Slider } from "../design/Slider";
+import { Asking } from "../design/Waiting";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
@@ -87,8 +88,8 @@ async function haveFilms(...captureIds: readonly string[]): Promise<boolean> {
 }
 
 function Table({ a, b }: Pair) {
-  const fileA = useAnswer(a.id, () => getCaptureFile(a.id)).value;
-  const fileB = useAnswer(b.id, () => getCaptureFile(b.id)).value;
+  const { value: fileA, asking: asksA } = useAnswer(a.id, () => getCaptureFile(a.id));
+  const { value: fileB, asking: asksB } = useAnswer(b.id, () => getCaptureFile(b.id));
   const text = words.library;
   return (
     <>
@@ -121,6 +122,7 @@ function Table({ a, b }: Pair) {
           </tbody>
         </table>
       </div>
+      {(asksA || asksB) && <Asking />}
       <p className="hint">{text.caution}</p>
     </>
   );

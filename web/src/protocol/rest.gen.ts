@@ -273,6 +273,11 @@ export interface ReplayMoment {
   readonly text: string;
 }
 
+/** How much of a recording has been read, 0 to 1; null while nobody reads it. */
+export interface ReplayProgress {
+  readonly share: number | null;
+}
+
 /** A recording; times ``at_s`` are seconds since its first picture. */
 export interface ReplayView {
   readonly seconds: number;
@@ -425,6 +430,8 @@ export interface Routes {
   readonly "GET /artifacts": { readonly query: { readonly capture?: string | null; readonly limit?: number; readonly cursor?: string | null }; readonly body: undefined; readonly answer: readonly Artifact[] };
   /** Return what a capture's recording shows; the first time its films are made for it. */
   readonly "GET /captures/{capture_id}/replay": { readonly query: undefined; readonly body: undefined; readonly answer: ReplayView };
+  /** Return how far the films are that somebody waits for. */
+  readonly "GET /captures/{capture_id}/replay/progress": { readonly query: undefined; readonly body: undefined; readonly answer: ReplayProgress };
   /** Return the jobs since the console's start, newest first. */
   readonly "GET /jobs": { readonly query: { readonly state?: "queued" | "running" | "succeeded" | "failed" | "cancelled" | null; readonly limit?: number; readonly cursor?: string | null }; readonly body: undefined; readonly answer: readonly JobView[] };
   /** Return one job. */

@@ -1,14 +1,13 @@
 import type { CaptureEntry } from "../api/library";
 import { getReplay, type Replay } from "../api/replay";
-import { LONG_WORK_MS } from "../api/request";
 import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { clock as clockText } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
-import { Waiting } from "../design/Waiting";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
+import { Making } from "./Making";
 import { MomentList } from "./MomentList";
 import { ReplayFilm } from "./ReplayFilm";
 import { ReplayMap } from "./ReplayMap";
@@ -37,11 +36,7 @@ export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
           </button>
         </p>
       )}
-      {replay === null && asking && (
-        <p className="empty">
-          <Waiting what={text.making} mostMs={LONG_WORK_MS} />
-        </p>
-      )}
+      {replay === null && asking && <Making captureId={entry.id} />}
       {replay !== null && <Shown replay={replay} />}
     </Panel>
   );

@@ -20,16 +20,16 @@ const RESULTS = ["preview.jpg", "orbit.mp4", "mesh.glb", "metrics.json"] as cons
 
 /** Train anew on a capture's pictures, with other settings; the capture's own field stays. */
 export function TrainAnew({ captureId }: { readonly captureId: string }) {
-  const { value: jobs, error, again } = useAnswer(captureId, () => getTrainings(captureId));
+  const { value: jobs, error, asking, again } = useAnswer(captureId, () => getTrainings(captureId));
   const busy = jobs?.some((job) => isUnfinished(job)) === true;
   // The next question waits for this answer, however long the line takes for it.
   useEffect(() => {
-    if (!busy) return;
+    if (!busy || asking) return;
     const timer = setTimeout(again, EVERY_MS);
     return () => {
       clearTimeout(timer);
     };
-  }, [busy, jobs, error, again]);
+  }, [busy, asking, again]);
   const text = words.retrain;
   return (
     <section className="retrain" aria-label={text.title}>

@@ -567,6 +567,7 @@ export const de: Catalogue = {
     open: "Flug noch einmal ansehen",
     back: "Zurück zur Aufnahme",
     making: "Die Aufzeichnung wird gelesen, beim ersten Mal werden ihre Filme geschnitten…",
+    progress: "Gelesener Teil der Aufzeichnung",
     filmLoads: "Der Film wird geladen…",
     failed: (reason) => `Keine Aufzeichnung: ${reason}.`,
     run: "Abspielen",

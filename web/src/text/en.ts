@@ -571,6 +571,7 @@ export const en = {
     open: "Replay the flight",
     back: "Back to the capture",
     making: "Reading the recording, and the first time cutting its films…",
+    progress: "Share of the recording read",
     filmLoads: "The film is being loaded…",
     failed: (reason: string) => `No replay: ${reason}.`,
     run: "Play",
