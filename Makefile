@@ -8,6 +8,7 @@ PYTHON ?= $(firstword $(shell for p in python3.13 python3.12 python3.11 python3;
 VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
+REST_TYPES := web/src/protocol/rest.gen.ts
 # Where pip looks for torch, e.g. the address that PyTorch's installation page gives for CPU.
 TORCH_INDEX ?=
 WEB_SOURCES := $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
@@ -63,3 +64,4 @@ messages: setup
 
 openapi: setup
 	@$(BIN)/python -m server.api.openapi >docs/openapi.json.part && mv docs/openapi.json.part docs/openapi.json
+	@$(BIN)/python -m server.api.rest_typescript >$(REST_TYPES).part && mv $(REST_TYPES).part $(REST_TYPES)

@@ -15,7 +15,8 @@ from typing import Any, get_type_hints
 import pytest
 
 from server.__main__ import main
-from server.api.openapi import openapi_text
+from server.api.openapi import openapi_document, openapi_text
+from server.api.rest_typescript import rest_text
 from server.api.typescript import messages_text
 from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.pose_config import PoseConfig
@@ -126,6 +127,8 @@ def test_generated_files_are_up_to_date() -> None:
     assert (ROOT / "docs/openapi.json").read_text(encoding="utf-8") == openapi_text(), (
         "run `make openapi`"
     )
+    rest = (ROOT / "web/src/protocol/rest.gen.ts").read_text(encoding="utf-8")
+    assert rest == rest_text(openapi_document()), "run `make openapi`"
 
 
 # Documents ----------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@ import { defineConfig, globalIgnores } from "eslint/config";
 import tseslint from "typescript-eslint";
 
 export default defineConfig(
-  globalIgnores(["dist", "src/protocol/messages.gen.ts"]),
+  globalIgnores(["dist", "src/protocol/*.gen.ts"]),
   {
     files: ["src/**/*.{ts,tsx}", "vite.config.ts"],
     extends: [

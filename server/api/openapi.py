@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from server.api.access import KeyRing
 from server.api.door import Door
@@ -19,8 +19,8 @@ from server.stages import StopControl
 _VERSION = "1"
 
 
-def openapi_text() -> str:
-    """Return the OpenAPI document as indented JSON."""
+def openapi_document() -> dict[str, Any]:
+    """Return the OpenAPI document of all routes."""
     # Describing the routes calls none of them, so nothing stands behind them here.
     web = make_web(
         mission=cast(MissionControl, None),
@@ -31,7 +31,12 @@ def openapi_text() -> str:
         dist=Path("web/dist"),
         version=_VERSION,
     )
-    return json.dumps(describe(web), indent=2, sort_keys=True) + "\n"
+    return describe(web)
+
+
+def openapi_text() -> str:
+    """Return the OpenAPI document as indented JSON."""
+    return json.dumps(openapi_document(), indent=2, sort_keys=True) + "\n"
 
 
 if __name__ == "__main__":

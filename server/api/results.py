@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, Response
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from server.api.captures import CaptureView, view_from_record
 from server.api.conditions import WholeFile, answer_if_wanted
@@ -47,6 +47,10 @@ _FILE_ANSWERS: dict[int | str, dict[str, object]] = {
 }
 
 
+# A list, not a tuple: many readers of the OpenAPI document know no other arrays.
+Place = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
 class LogLine(Note):
     """A line of the event log with its place in it."""
 
@@ -65,7 +69,7 @@ class PlannedViewpoint(BaseModel):
 
     round_index: int
     drone_id: str
-    position_world: list[float]
+    position_world: Place
     yaw_rad: float
 
 

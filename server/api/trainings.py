@@ -36,7 +36,8 @@ class TrainingView(BaseModel):
     ``id`` is its run's, by which ``artifacts`` has its files; ``files`` are the first of them.
     ``seconds`` and ``seed`` are what was asked for, null where the run does not tell, ``metrics``
     what the judgement found. ``job`` can be cancelled; it is null once it is over, and for a
-    training that this console did not start. ``progress`` is the share of ``phase`` done, 0 to 1.
+    training that this console did not start. ``progress`` is the share of ``phase`` done, 0 to 1,
+    as of ``updated_at``; ``ahead`` is how many trainings come before one that waits.
     """
 
     id: str
@@ -46,7 +47,9 @@ class TrainingView(BaseModel):
     progress: float
     error: str | None
     job: str | None
+    ahead: int
     created_at: datetime
+    updated_at: datetime
     seconds: float | None
     seed: int | None
     object_only: bool
@@ -90,7 +93,7 @@ def make_trainings_router(mission: MissionControl, book: JobBook, prefix: str) -
         shown = [places[each] for each in page if each in places]
         kept = await asyncio.to_thread(_read, shown)
         views = (_view(each, capture_id, kept.get(each), jobs.get(each), prefix) for each in page)
-        return [view for view in views if view is not None]
+        return [_placed(view, jobs.get(view.id), book) for view in views if view is not None]
 
     @router.delete(
         "/{capture_id}/trainings/{training_id}",
@@ -137,8 +140,22 @@ def _view(
         return None
     if job is None or (job.over and view.state == "succeeded"):
         return view  # It may have been gone on with since.
-    now = {"state": job.state, "phase": job.phase, "progress": job.progress, "error": job.error}
+    now = {
+        "state": job.state,
+        "phase": job.phase,
+        "progress": job.progress,
+        "error": job.error,
+        "created_at": job.created_at,
+        "updated_at": job.updated_at,
+    }
     return view.model_copy(update=now | {"job": None if job.over else job.id})
+
+
+def _placed(view: TrainingView, job: JobRecord | None, book: JobBook) -> TrainingView:
+    """Return a training with its place in the queue."""
+    if job is None or job.state != "queued":
+        return view
+    return view.model_copy(update={"ahead": book.ahead_of(job.id)})
 
 
 def _from_folder(capture_id: str, kept: _Kept, prefix: str) -> TrainingView:
@@ -151,7 +168,9 @@ def _from_folder(capture_id: str, kept: _Kept, prefix: str) -> TrainingView:
         progress=1.0 if training.finished else 0.0,
         error=training.error,
         job=None,
+        ahead=0,
         created_at=datetime.fromtimestamp(row.begun_unix_s, UTC),
+        updated_at=datetime.fromtimestamp(row.begun_unix_s, UTC),
         seconds=training.seconds,
         seed=training.seed,
         object_only=training.object_only,
@@ -172,7 +191,9 @@ def _from_job(training_id: str, capture_id: str, job: JobRecord) -> TrainingView
         progress=job.progress,
         error=job.error,
         job=job.id,
+        ahead=0,
         created_at=job.created_at,
+        updated_at=job.updated_at,
         seconds=asked.seconds,
         seed=asked.seed,
         object_only=asked.object_only,

@@ -13,6 +13,7 @@ import secrets
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -100,6 +101,11 @@ class JobBook:
             if job.kind == "reconstruct" and job.capture == capture_id != run_id:
                 found.setdefault(run_id, job)
         return found
+
+    def ahead_of(self, job_id: str) -> int:
+        """Return how many jobs that were asked for come before this one."""
+        earlier = takewhile(lambda other: other != job_id, self._waiting)
+        return sum(not self._records[other].over for other in earlier)
 
     def job(self, job_id: str) -> JobRecord:
         """Return one job; raises KeyError."""

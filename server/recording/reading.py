@@ -6,6 +6,7 @@ that had reached the disk: whatever follows the last whole chunk is left out.
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -49,11 +50,13 @@ class Recording:
 
     Attributes:
         whole: Whether the file was ended properly; known once everything has been read.
+        share: How much of the file has been read, 0 to 1.
     """
 
     def __init__(self, path: Path) -> None:
         """Take a file; raises RecordingError when it is none or no MCAP file."""
         self.whole = False
+        self.share = 0.0
         self._path = path
         try:
             with path.open("rb") as stream:
@@ -105,12 +108,14 @@ class Recording:
 
     def _records(self) -> Iterator[object]:
         with self._path.open("rb") as stream:
+            size = max(1, os.fstat(stream.fileno()).st_size)
             reader = StreamReader(stream, emit_chunks=True, record_size_limit=_LONGEST_RECORD_BYTES)
             try:
                 for record in reader.records:
                     # What follows the messages repeats what came before them.
                     if isinstance(record, Footer):
                         break
+                    self.share = min(1.0, stream.tell() / size)
                     yield record
             except _DAMAGE:
                 return

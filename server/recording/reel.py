@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -28,6 +29,7 @@ _TICKS_PER_S = 90_000
 # Poses come ten times a second; for a drawing half of them are enough.
 _WAY_STEP_S = 0.15
 _USUAL_SIZE = (960, 720)
+_SHARE_STEP = 0.01
 
 
 @dataclass(slots=True)
@@ -81,10 +83,15 @@ class Reel:
     object_box: list[list[float]] | None = None
 
 
-def make_reel(recording: Path, run: Path) -> Path:
+def make_reel(recording: Path, run: Path, on_share: Callable[[float], None] | None = None) -> Path:
     """Write ``replay/`` into the folder ``run``; return its table of contents.
 
     The folder is complete or not there.
+
+    Args:
+        recording: The recording's file.
+        run: The run folder.
+        on_share: Told about every per cent how much of the recording has been read, 0 to 1.
 
     Raises:
         RecordingError: If ``recording`` is none, or shows nothing.
@@ -94,7 +101,7 @@ def make_reel(recording: Path, run: Path) -> Path:
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir()
     try:
-        reel = _Cutter(draft).cut(Recording(recording))
+        reel = _Cutter(draft).cut(Recording(recording), on_share)
         (draft / CONTENTS).write_text(json.dumps(asdict(reel)))
         shutil.rmtree(folder, ignore_errors=True)
         draft.replace(folder)
@@ -143,11 +150,15 @@ class _Cutter:
         self._keys: dict[str, bool] = {}
         self._begun_ns: int | None = None
 
-    def cut(self, recording: Recording) -> Reel:
+    def cut(self, recording: Recording, on_share: Callable[[float], None] | None) -> Reel:
         """Return what it holds, the films written."""
+        told = 0.0
         try:
             for message in recording.messages():
                 self._take(message)
+                if on_share is not None and recording.share >= told + _SHARE_STEP:
+                    told = recording.share
+                    on_share(told)
         finally:
             for film in self._films.values():
                 film.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from collections.abc import AsyncIterator
@@ -24,7 +25,7 @@ from fake_mission import (
     plan_found,
     seed_fitted,
 )
-from playwright.async_api import Browser, Page, expect
+from playwright.async_api import Browser, Page, Route, expect
 from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
@@ -291,6 +292,12 @@ async def test_a_capture_is_trained_anew_with_other_settings(
         job.news.put_nowait(news)
         progress = page.get_by_role("progressbar", name="Share of this stage done")
         await expect(progress).to_have_attribute("value", "0.25")
+        # At the pace that was seen; the next stages are not promised.
+        await asyncio.sleep(1.2)
+        job.news.put_nowait(news | {"seconds": 18.0})
+        await expect(page.get_by_test_id("training-running")).to_contain_text(
+            re.compile(r"Training.*0:0\d left.*asked for 0:\d\d ago")
+        )
         run = Path(job.spec.parameters["out"])
         (run / "mesh.glb").write_bytes(b"mesh")
         about = {"dataset": job.spec.parameters["dataset"], "object_only": True}
@@ -371,6 +378,49 @@ async def test_fields_trained_anew_are_compared_and_deleted(
         await expect(fields).to_have_count(1)
         await expect(fields).to_contain_text("18.25 dB")
         await page.close()
+
+
+async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        answered = asyncio.Event()
+
+        async def slowly(route: Route) -> None:
+            await answered.wait()
+            await route.continue_()
+
+        waiting = page.get_by_test_id("waiting")
+        await page.route("**/captures/run-2/replay", slowly)
+        await page.goto(f"{console.http}/#/library/run-2/replay")
+        await expect(waiting).to_have_text(
+            re.compile(r"^Reading the recording.*… 0:0[2-9], at most 5:00$")
+        )
+        await page.route("**/replay/progress", lambda route: route.fulfill(json={"share": 0.4}))
+        read = page.get_by_role("progressbar", name="Share of the recording read")
+        await expect(read).to_have_attribute("value", "0.4")
+        answered.set()
+        again = page.get_by_role("button", name="Ask again")
+        await expect(again).to_be_visible()
+
+        answered.clear()
+        await page.route("**/captures/run-2", slowly)
+        await page.goto(f"{console.http}/#/library/run-2")
+        delete = page.get_by_test_id("delete-capture")
+        await delete.click()
+        await delete.click()
+        await expect(waiting).to_have_text(
+            re.compile(r"^Deleting \d+ files… 0:0[2-9], at most 5:00$")
+        )
+        await expect(delete).to_be_disabled()
+        answered.set()
+        await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
+    # The console is gone: how long for, and when the page tries again.
+    await expect(page.get_by_role("alert")).to_contain_text(
+        re.compile(r"\d s, (next attempt in [1-5] s|trying now)")
+    )
+    await page.close()
 
 
 async def test_a_known_length_sets_the_scale_of_a_capture(tmp_path: Path, browser: Browser) -> None:
@@ -472,6 +522,17 @@ async def test_the_plan_is_shown_to_whoever_comes_later(tmp_path: Path, browser:
         await page.reload()
         await expect(curve).to_have_attribute("data-points", "3")
         await expect(page.locator(".viewpoints tbody tr")).to_have_count(8)
+        # The next search tells how far it is, and, once it has a pace, how long it takes.
+        search = page.get_by_test_id("search")
+        await expect(search).to_have_count(0)
+        console.mission.events.publish(PlanProgressed(1000, 4000, 1e-3, 0.6))
+        await expect(search.get_by_role("progressbar")).to_have_attribute("value", "0.25")
+        await asyncio.sleep(1.2)
+        console.mission.events.publish(PlanProgressed(2000, 4000, 1e-3, 0.7))
+        await expect(search).to_have_text(re.compile(r"^0:0[1-3] left$"))
+        await expect(search).to_have_text(re.compile(r"^nothing heard for \d s$"), timeout=9000)
+        console.mission.events.publish(plan_found())
+        await expect(search).to_have_count(0)
         await page.close()
 
 

@@ -80,6 +80,7 @@ async def test_a_training_is_told_from_its_order_to_its_end(
         told = {each["seed"]: each for each in (await client.get(TRAININGS)).json()}
         assert {seed: each["state"] for seed, each in told.items()} == {1: "running", 2: "queued"}
         assert told[2]["seconds"] == 30.0
+        assert {seed: each["ahead"] for seed, each in told.items()} == {1: 0, 2: 1}
         one = f"{TRAININGS}/{told[1]['id']}"
         # What is not over takes nothing away from under it.
         for path in (one, f"{TRAININGS}/{told[2]['id']}", "/api/v1/captures/run-1"):

@@ -69,6 +69,9 @@ async def test_closing_ends_the_job_that_runs_and_begins_none_of_those_that_wait
         for _ in range(20):  # The first one gets its turn.
             await asyncio.sleep(0)
         assert len(runner.jobs) == 1
+        assert [book.ahead_of(record.id) for record in book.jobs()] == [2, 1, 0]
+        await book.cancel(book.jobs()[1].id)
+        assert book.ahead_of(book.jobs()[0].id) == 1
         await book.close()
     assert [job.cancelled for job in runner.jobs] == [1]
     assert [record.state for record in book.jobs()] == ["cancelled"] * 3

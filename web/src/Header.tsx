@@ -1,3 +1,4 @@
+import { useState } from "react";
 import { BASE } from "./api/base";
 import { AskingBand, CommandPill } from "./command/CommandPill";
 import { useConsole, useOperator } from "./context";
@@ -45,7 +46,9 @@ function ConnectionPill() {
   const nowMs = useNow(1000);
   const silentS = lastMs === null ? 0 : Math.floor((nowMs - lastMs) / 1000);
   const silent = connection.kind === "open" && silentS >= SILENT_S;
-  const { tone, word } = pillFace(connection, silent, silentS);
+  const [shownMs] = useState(() => Date.now());
+  const shownS = Math.floor((nowMs - shownMs) / 1000);
+  const { tone, word } = pillFace(connection, silent, silentS, shownS);
   return (
     <span
       className={`pill pill-${tone}`}
@@ -58,11 +61,11 @@ function ConnectionPill() {
   );
 }
 
-function pillFace(connection: ConsoleState["connection"], silent: boolean, silentS: number) {
+function pillFace(connection: ConsoleState["connection"], silent: boolean, silentS: number, shownS: number) {
   const text = words.connection;
   switch (connection.kind) {
     case "connecting":
-      return { tone: "busy", word: text.connecting };
+      return { tone: "busy", word: shownS < SILENT_S ? text.connecting : text.connectingFor(shownS) };
     case "open":
       return silent
         ? { tone: "busy", word: text.silent(silentS) }
@@ -91,6 +94,7 @@ function ConnectionBand() {
   }
   if (connection.kind !== "lost") return null;
   const seconds = Math.max(0, Math.round((nowMs - connection.sinceMs) / 1000));
+  const retryS = Math.floor((connection.retryMs - nowMs) / 1000);
   return (
     <div className="band band-bad" role="alert">
       <Icon name="warning" />
@@ -100,7 +104,7 @@ function ConnectionBand() {
       </span>
       {/* A screen reader shall not say the alert again every second. */}
       <span className="band-count" aria-hidden="true">
-        {text.lostFor(seconds)}
+        {text.lostFor(seconds)}, {retryS > 0 ? text.retryIn(retryS) : text.retrying}
       </span>
     </div>
   );

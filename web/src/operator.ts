@@ -57,9 +57,9 @@ export class Operator {
         this.store.dispatch({ type: "stream_opened" });
         this.#command.beat();
       },
-      onLost: () => {
+      onLost: (retryInMs) => {
         if (this.store.get().connection.kind === "open") this.log("warning", words.log.lost);
-        this.store.dispatch({ type: "stream_lost" });
+        this.store.dispatch({ type: "stream_lost", retryInMs });
         void this.#checkSignedIn();
       },
       onMessage: (message) => {

@@ -1,44 +1,41 @@
-import { BASE } from "./base";
 import type { FieldView } from "../reconstruct/fieldView";
+import type { CaptureSpec } from "../protocol/rest.gen";
+import { BASE } from "./base";
+import { call } from "./call";
 import { CANCEL_MS } from "./jobs";
-import { request } from "./request";
 
-export type Mode = "optimized" | "standard";
+export type Mode = NonNullable<CaptureSpec["mode"]>;
 
 /** What to capture; a field that is left out takes the server's default. */
-export interface CaptureRequest {
-  readonly mode: Mode;
-  readonly drones?: number;
-  readonly pictures: number;
-  readonly train_seconds: number;
-  readonly name: string;
-  /** Reason by key of the checklist item that shall not keep the capture on the ground. */
-  readonly overrides?: Readonly<Record<string, string>>;
-}
+export type CaptureRequest = CaptureSpec &
+  Required<Pick<CaptureSpec, "mode" | "pictures" | "train_seconds" | "name">>;
 
 export type CaptureVerb = "pause" | "resume" | "abort";
 
 /** @throws RequestError when it is refused (one capture at a time) or not answered. */
 export async function startCapture(wish: CaptureRequest): Promise<void> {
-  await request("POST", "/captures", wish);
+  await call("POST /captures", { body: wish });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function changeCapture(captureId: string, verb: CaptureVerb): Promise<void> {
-  const path = `/captures/${encodeURIComponent(captureId)}/${verb}`;
+  const path = { capture_id: captureId };
   // Where only its training is left, an abort waits for the worker.
-  await (verb === "abort" ? request("POST", path, undefined, CANCEL_MS) : request("POST", path));
+  const patience = verb === "abort" ? { timeoutMs: CANCEL_MS } : {};
+  await call(`POST /captures/{capture_id}/${verb}`, { path, ...patience });
 }
 
 /** @throws RequestError when it is refused (its drones are on their way down) or not answered. */
 export async function addPictures(captureId: string, count: number): Promise<void> {
-  await request("POST", `/captures/${encodeURIComponent(captureId)}/pictures`, { count });
+  await call("POST /captures/{capture_id}/pictures", { path: { capture_id: captureId }, body: { count } });
 }
 
 /** See the field from `view` while it is trained, null: from the orbit. @throws RequestError */
 export async function viewField(captureId: string, view: FieldView | null): Promise<void> {
-  const path = `/captures/${encodeURIComponent(captureId)}/view`;
-  await (view === null ? request("DELETE", path) : request("PUT", path, view));
+  const path = { capture_id: captureId };
+  await (view === null
+    ? call("DELETE /captures/{capture_id}/view", { path })
+    : call("PUT /captures/{capture_id}/view", { path, body: view }));
 }
 
 /** Return false when the server does not know this browser; true when it does or is silent. */

@@ -1,6 +1,7 @@
-import { request } from "./request";
+import type { CommandRequest } from "../protocol/rest.gen";
+import { call } from "./call";
 
-export type DroneCommand = "takeoff" | "land" | "hold" | "rearm" | "cut_motors";
+export type DroneCommand = CommandRequest["command"];
 
 /**
  * Give one drone a command.
@@ -8,5 +9,5 @@ export type DroneCommand = "takeoff" | "land" | "hold" | "rearm" | "cut_motors";
  * @throws RequestError when it is refused or not answered.
  */
 export async function commandDrone(droneId: string, command: DroneCommand): Promise<void> {
-  await request("POST", `/drones/${encodeURIComponent(droneId)}/commands`, { command });
+  await call("POST /drones/{drone_id}/commands", { path: { drone_id: droneId }, body: { command } });
 }

@@ -1,7 +1,7 @@
 import type { DroneReport } from "../protocol/messages.gen";
-import { request } from "./request";
+import { call } from "./call";
 
 /** What the drones reported before this page was opened. @throws RequestError when it is not answered. */
 export async function getHistory(): Promise<readonly DroneReport[]> {
-  return (await request("GET", "/drones/history")) as readonly DroneReport[];
+  return call("GET /drones/history");
 }

@@ -1,22 +1,18 @@
-import { request } from "./request";
+import type { TrainingSpec } from "../protocol/rest.gen";
+import { call } from "./call";
 
 /** A worker is asked first, then told, and then ended: that may take this long. */
 export const CANCEL_MS = 30_000;
 
 /** A training anew, on the pictures of a capture that is over. */
-export interface TrainingWish {
-  readonly capture: string;
-  readonly seconds: number;
-  readonly object_only: boolean;
-  readonly seed: number;
-}
+export type TrainingWish = Required<TrainingSpec>;
 
 /** @throws RequestError when it is refused or not answered. */
 export async function startTraining(wish: TrainingWish): Promise<void> {
-  await request("POST", "/reconstructions", wish);
+  await call("POST /reconstructions", { body: wish });
 }
 
 /** @throws RequestError when it is not answered. */
 export async function cancelJob(jobId: string): Promise<void> {
-  await request("POST", `/jobs/${encodeURIComponent(jobId)}/cancel`, undefined, CANCEL_MS);
+  await call("POST /jobs/{job_id}/cancel", { path: { job_id: jobId }, timeoutMs: CANCEL_MS });
 }

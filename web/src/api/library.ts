@@ -1,21 +1,15 @@
-import type { CaptureReport } from "../protocol/messages.gen";
+import type { Artifact, CaptureView } from "../protocol/rest.gen";
 import { BASE } from "./base";
-import { LONG_WORK_MS, request, requestAll, requestText } from "./request";
+import { call, callAll } from "./call";
+import { LONG_WORK_MS, request, requestText } from "./request";
+
+export type { Artifact };
 
 /** A capture as the library lists it. */
-export interface CaptureEntry {
-  readonly id: string;
-  readonly state: CaptureReport["state"];
-  readonly phase: string;
-  readonly run: string;
-  readonly error: string | null;
-  readonly mode: string;
-  readonly name: string;
-  readonly images: number;
-  readonly images_total: number;
-  readonly started_at: string;
-  readonly metrics: RunMetrics | null;
-}
+export type CaptureEntry = Omit<CaptureView, "metrics"> & { readonly metrics: RunMetrics | null };
+
+// What follows, up to the artifacts, is in JSON files of run folders. The server hands those on as
+// they are, whichever program wrote them, and so its schema does not tell what is in them.
 
 /** The judgement of a run; older runs may lack some of it. */
 export interface RunMetrics {
@@ -35,35 +29,27 @@ export interface CaptureFile {
   readonly dropped?: Readonly<Record<string, string>>;
 }
 
-/** A file of a run. */
-export interface Artifact {
-  readonly path: string;
-  readonly size_bytes: number;
-  readonly url: string;
-}
-
-/** All captures, newest first. @throws RequestError */
-export async function getCaptures(): Promise<readonly CaptureEntry[]> {
-  return (await requestAll("/captures")) as readonly CaptureEntry[];
-}
-
-/** The files of a capture. @throws RequestError */
-export async function getArtifacts(captureId: string): Promise<readonly Artifact[]> {
-  const query = new URLSearchParams({ capture: captureId });
-  return (await requestAll(`/artifacts?${query.toString()}`)) as readonly Artifact[];
-}
-
-/** @throws RequestError also where the run has no such file. */
-export async function getCaptureFile(captureId: string): Promise<CaptureFile> {
-  return (await request("GET", artifactPath(captureId, "capture.json"))) as CaptureFile;
-}
-
 /** How sure the refinement is of each still's pose, as `poses.json` of a run folder tells. */
 export interface RefinedPose {
   readonly file: string;
   readonly refined: boolean;
   readonly sigma_m: number;
   readonly sigma_deg: number;
+}
+
+/** All captures, newest first. @throws RequestError */
+export async function getCaptures(): Promise<readonly CaptureEntry[]> {
+  return callAll("GET /captures");
+}
+
+/** The files of a capture. @throws RequestError */
+export async function getArtifacts(captureId: string): Promise<readonly Artifact[]> {
+  return callAll("GET /artifacts", { query: { capture: captureId } });
+}
+
+/** @throws RequestError also where the run has no such file. */
+export async function getCaptureFile(captureId: string): Promise<CaptureFile> {
+  return (await request("GET", artifactPath(captureId, "capture.json"))) as CaptureFile;
 }
 
 /** The poses of a capture's pictures. @throws RequestError also where they were not refined. */
@@ -84,7 +70,7 @@ export async function getTrainingLog(captureId: string): Promise<string> {
 
 /** Delete a capture and its files for good. @throws RequestError */
 export async function deleteCapture(captureId: string): Promise<void> {
-  await request("DELETE", `/captures/${encodeURIComponent(captureId)}`, undefined, LONG_WORK_MS);
+  await call("DELETE /captures/{capture_id}", { path: { capture_id: captureId }, timeoutMs: LONG_WORK_MS });
 }
 
 function artifactPath(captureId: string, path: string): string {

@@ -1,19 +1,17 @@
 import type { FloorArea } from "../room/area";
-import { request } from "./request";
-
-const PATH = "/plans/no-go";
+import { call } from "./call";
 
 /** Let no drone enter a column of the room. @throws RequestError */
 export async function addNoGo(area: FloorArea): Promise<void> {
-  await request("POST", PATH, { area });
+  await call("POST /plans/no-go", { body: { area } });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function changeNoGo(id: string, area: FloorArea): Promise<void> {
-  await request("PUT", `${PATH}/${encodeURIComponent(id)}`, { area });
+  await call("PUT /plans/no-go/{volume_id}", { path: { volume_id: id }, body: { area } });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function dropNoGo(id: string): Promise<void> {
-  await request("DELETE", `${PATH}/${encodeURIComponent(id)}`);
+  await call("DELETE /plans/no-go/{volume_id}", { path: { volume_id: id } });
 }

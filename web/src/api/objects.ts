@@ -1,5 +1,6 @@
 import type { Place, ShareBox } from "../pick/box";
-import { request } from "./request";
+import type { PointedBox, PointedPoint } from "../protocol/rest.gen";
+import { call } from "./call";
 
 /**
  * Say where the object is in a drone's newest picture.
@@ -7,25 +8,22 @@ import { request } from "./request";
  * @throws RequestError when it is refused or not answered.
  */
 export async function pickObject(droneId: string, place: Place): Promise<void> {
-  const where = place.kind === "box" ? { box: place.box } : { point: [place.point.x, place.point.y] };
-  await request("PUT", objectPath(droneId), where);
+  const where: PointedBox | PointedPoint =
+    place.kind === "box" ? { box: place.box } : { point: [place.point.x, place.point.y] };
+  await call("PUT /drones/{drone_id}/object", { path: { drone_id: droneId }, body: where });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function searchObject(droneId: string): Promise<void> {
-  await request("DELETE", objectPath(droneId));
+  await call("DELETE /drones/{drone_id}/object", { path: { drone_id: droneId } });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function addPriority(droneId: string, box: ShareBox): Promise<void> {
-  await request("POST", "/plans/priorities", { drone_id: droneId, box });
+  await call("POST /plans/priorities", { body: { drone_id: droneId, box } });
 }
 
 /** @throws RequestError when it is refused or not answered. */
 export async function dropPriority(partId: string): Promise<void> {
-  await request("DELETE", `/plans/priorities/${encodeURIComponent(partId)}`);
-}
-
-function objectPath(droneId: string): string {
-  return `/drones/${encodeURIComponent(droneId)}/object`;
+  await call("DELETE /plans/priorities/{part_id}", { path: { part_id: partId } });
 }

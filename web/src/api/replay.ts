@@ -1,34 +1,25 @@
-import { LONG_WORK_MS, request } from "./request";
+import type { DroneReplay, ReplayMoment, ReplayView } from "../protocol/rest.gen";
+import { call } from "./call";
+import { LONG_WORK_MS } from "./request";
 
-/** A believed camera pose: seconds, world metres, heading in radians. */
-export type WayPoint = readonly [atS: number, x: number, y: number, z: number, heading: number];
-
-export interface DroneReplay {
-  readonly drone_id: string;
-  /** The address of its video, which begins at `begins_s`. */
-  readonly film: string | null;
-  readonly begins_s: number;
-  readonly way: readonly WayPoint[];
-}
-
-/** Something that happened: a line of the log, or a picture with its number as `text`. */
-export interface ReplayMoment {
-  readonly at_s: number;
-  readonly kind: "picture" | "info" | "warning" | "error";
-  readonly drone_id: string;
-  readonly text: string;
-}
+export type { DroneReplay, ReplayMoment };
 
 /** A recording; times are seconds since its first picture. */
-export interface Replay {
-  readonly seconds: number;
-  readonly drones: readonly DroneReplay[];
-  readonly moments: readonly ReplayMoment[];
-  readonly object_box: readonly [readonly number[], readonly number[]] | null;
-}
+export type Replay = ReplayView;
+
+/** A believed camera pose: seconds, world metres x, y and z, heading in radians. */
+export type WayPoint = DroneReplay["way"][number];
 
 /** What a capture's recording shows; the first time its films are made. @throws RequestError */
 export async function getReplay(captureId: string): Promise<Replay> {
-  const path = `/captures/${encodeURIComponent(captureId)}/replay`;
-  return (await request("GET", path, undefined, LONG_WORK_MS)) as Replay;
+  return call("GET /captures/{capture_id}/replay", {
+    path: { capture_id: captureId },
+    timeoutMs: LONG_WORK_MS,
+  });
+}
+
+/** How much of a recording has been read by now, 0 to 1; null while nobody reads it. @throws RequestError */
+export async function getReplayShare(captureId: string): Promise<number | null> {
+  const path = { capture_id: captureId };
+  return (await call("GET /captures/{capture_id}/replay/progress", { path })).share;
 }

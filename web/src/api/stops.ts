@@ -1,8 +1,9 @@
+import type { PathOf } from "./call";
 import { request, RequestError } from "./request";
 
 export type Stop = "hold" | "land" | "cut_motors";
 
-const PATH: Readonly<Record<Stop, string>> = {
+const PATH: Readonly<Record<Stop, PathOf<"POST">>> = {
   hold: "/fleet/hold",
   land: "/fleet/land",
   cut_motors: "/fleet/cut-motors",

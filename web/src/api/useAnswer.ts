@@ -5,6 +5,8 @@ import { RequestError } from "./request";
 export interface Answer<T> {
   readonly value: T | null;
   readonly error: string | null;
+  /** True while the answer to the newest question is out. */
+  readonly asking: boolean;
   /** Ask again. */
   readonly again: () => void;
 }
@@ -16,29 +18,30 @@ export interface Answer<T> {
  */
 export function useAnswer<T>(key: string, ask: () => Promise<T>): Answer<T> {
   const [asked, setAsked] = useState(0);
-  const [state, setState] = useState<{ value: T | null; error: string | null; key: string }>({
+  const [state, setState] = useState<{ value: T | null; error: string | null; answers: string }>({
     value: null,
     error: null,
-    key,
+    answers: "",
   });
+  const question = `${asked} ${key}`;
   useEffect(() => {
     let over = false;
     ask().then(
       (value) => {
-        if (!over) setState({ value, error: null, key });
+        if (!over) setState({ value, error: null, answers: question });
       },
       (error: unknown) => {
         if (!(error instanceof RequestError)) throw error;
-        if (!over) setState((last) => ({ ...last, error: error.message }));
+        if (!over) setState((last) => ({ ...last, error: error.message, answers: question }));
       },
     );
     return () => {
       over = true;
     };
     // eslint-disable-next-line react-hooks/exhaustive-deps -- `key` stands for all that `ask` uses.
-  }, [key, asked]);
+  }, [question]);
   const again = useCallback(() => {
     setAsked((times) => times + 1);
   }, []);
-  return { value: state.value, error: state.error, again };
+  return { value: state.value, error: state.error, asking: state.answers !== question, again };
 }

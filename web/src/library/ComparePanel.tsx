@@ -4,6 +4,7 @@ import { useAnswer } from "../api/useAnswer";
 import { decimal, moment } from "../design/format";
 import { Panel } from "../design/Panel";
 import { Slider } from "../design/Slider";
+import { Asking } from "../design/Waiting";
 import { renderingFile } from "../judge/heldOut";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
@@ -103,8 +104,8 @@ async function filesOfBoth(a: string, b: string): Promise<ReadonlySet<string>> {
 }
 
 function Table({ a, b }: Pair) {
-  const fileA = useAnswer(a.entry.id, () => getCaptureFile(a.entry.id)).value;
-  const fileB = useAnswer(b.entry.id, () => getCaptureFile(b.entry.id)).value;
+  const { value: fileA, asking: asksA } = useAnswer(a.entry.id, () => getCaptureFile(a.entry.id));
+  const { value: fileB, asking: asksB } = useAnswer(b.entry.id, () => getCaptureFile(b.entry.id));
   const text = words.library;
   return (
     <>
@@ -145,6 +146,7 @@ function Table({ a, b }: Pair) {
           </tbody>
         </table>
       </div>
+      {(asksA || asksB) && <Asking />}
       {a.entry.id !== b.entry.id && <p className="hint">{text.caution}</p>}
       {!judgedAlike(a, b) && <p className="hint">{text.cautionObject}</p>}
     </>

@@ -4,6 +4,7 @@ import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { ReplayPanel } from "../replay/ReplayPanel";
 import { words } from "../text/words";
 import { CaptureCard } from "./CaptureCard";
@@ -20,7 +21,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
     (state) =>
       `${state.epoch} ${state.capture?.id ?? ""} ${state.capture?.state ?? ""} ${state.findings.metrics?.at ?? ""}`,
   );
-  const { value: captures, error, again } = useAnswer(known, getCaptures);
+  const { value: captures, error, asking, again } = useAnswer(known, getCaptures);
   const [ids = "", view] = captureId.split("/");
   const keys = ids.split(",");
   const [marked, setMarked] = useState<readonly string[]>(() => (keys.length === 2 ? keys : []));
@@ -38,6 +39,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
     <>
       <div className="column">
         <Panel title={text.title} className="library" aside={captures !== null && <span>{text.count(captures.length)}</span>}>
+          {captures === null && asking && <Asking />}
           {error !== null && (
             <p className="field-error" role="alert">
               {text.failed(error)}{" "}

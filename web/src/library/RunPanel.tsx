@@ -1,10 +1,13 @@
 import { getArtifacts, getCaptureFile, type Artifact, type CaptureEntry } from "../api/library";
+import { LONG_WORK_MS } from "../api/request";
 import { useAnswer } from "../api/useAnswer";
 import { useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
 import { bytes, clock, decimal, moment, withUnit } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { useUnderWay } from "../design/useUnderWay";
+import { Asking, Waiting } from "../design/Waiting";
 import { HeldOutView } from "../judge/HeldOutView";
 import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
@@ -30,7 +33,8 @@ interface RunPanelProps {
 /** One capture: its rendering, its figures, its fields, its files, and what can be done with it. */
 export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
   const operator = useOperator();
-  const { value: files, error } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
+  const [deleting, followDeletion] = useUnderWay();
+  const { value: files, error, asking } = useAnswer(entry.id + entry.state, () => getArtifacts(entry.id));
   const trainings = useTrainings(entry.id);
   const anew = trainings.value ?? [];
   const text = words.library;
@@ -50,6 +54,7 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
           </section>
         )}
         <RunFacts entry={entry} />
+        {files === null && asking && <Asking />}
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
         {trainings.error !== null && <p className="field-error">{text.failed(trainings.error)}</p>}
@@ -73,6 +78,7 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"
+              disabled={deleting}
               label={
                 <>
                   <Icon name="trash" />
@@ -86,13 +92,15 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
                 </>
               }
               onConfirm={() => {
-                void operator.deleteCapture(entry.id).then((done) => {
-                  if (!done) return;
+                const done = operator.deleteCapture(entry.id).then((deleted) => {
+                  if (!deleted) return;
                   location.hash = hashOfScreen("library");
                   onChanged();
                 });
+                followDeletion(done);
               }}
             />
+            {deleting && <Waiting what={text.deleting(files?.length ?? null)} mostMs={LONG_WORK_MS} />}
           </div>
         )}
       </div>

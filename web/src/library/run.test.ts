@@ -19,8 +19,10 @@ const anew = (psnr: number, objectOnly: boolean): Field => ({
 describe("a run", () => {
   it("lists its own files before those of its folders", () => {
     const files = ["images/0000.jpg", "capture.json", "jobs/a/b.json", "images/0001.jpg"].map((path) => ({
+      capture_id: "a",
       path,
       size_bytes: 1,
+      modified_at: "",
       url: "",
     }));
     expect(filesByFolder(files).map((each) => [each.folder, each.files.length])).toEqual([

@@ -1,7 +1,10 @@
+import { CANCEL_MS } from "../api/jobs";
 import { useConsole, useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
 import { clock } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
+import { useUnderWay } from "../design/useUnderWay";
+import { Waiting } from "../design/Waiting";
 import type { CaptureReport } from "../protocol/messages.gen";
 import type { Step } from "../state/phases";
 import { canPause, fliesByItself, isActive } from "../state/state";
@@ -159,23 +162,29 @@ export function CaptureControls({ capture }: { readonly capture: CaptureReport }
 /** Ends the capture: in the air the drones land, on the ground the training stops. */
 export function AbortButton({ capture }: { readonly capture: CaptureReport }) {
   const operator = useOperator();
+  const [aborting, follow] = useUnderWay();
   return (
-    <ConfirmButton
-      className="button-danger"
-      testId="capture-abort"
-      label={
-        <>
-          <Icon name="abort" />
-          {words.mission.abort}
-        </>
-      }
-      confirm={
-        <>
-          <Icon name="abort" />
-          {fliesByItself(capture) ? words.mission.abortConfirm : words.mission.abortDown}
-        </>
-      }
-      onConfirm={() => void operator.changeCapture(capture.id, "abort")}
-    />
+    <>
+      <ConfirmButton
+        className="button-danger"
+        testId="capture-abort"
+        label={
+          <>
+            <Icon name="abort" />
+            {words.mission.abort}
+          </>
+        }
+        confirm={
+          <>
+            <Icon name="abort" />
+            {fliesByItself(capture) ? words.mission.abortConfirm : words.mission.abortDown}
+          </>
+        }
+        onConfirm={() => {
+          follow(operator.changeCapture(capture.id, "abort"));
+        }}
+      />
+      {aborting && <Waiting quiet what={words.mission.aborting} mostMs={CANCEL_MS} />}
+    </>
   );
 }

@@ -1,10 +1,12 @@
-import type { ReactNode } from "react";
+import { Fragment, type ReactNode } from "react";
+import { Countdown } from "../design/Waiting";
+import { searchOf } from "../plan/search";
 import type { Findings } from "../state/state";
 import { words } from "../text/words";
 
 /** What the mission has found out so far: the object, the plan, the poses. */
 export function FindingsList({ findings, run }: { readonly findings: Findings; readonly run: string | null }) {
-  const { seed, coverage, plan, planning, poses } = findings;
+  const { seed, coverage, plan, planning, annealing, poses } = findings;
   const text = words.mission.findings;
   const rows: [string, ReactNode][] = [];
   if (seed !== null) {
@@ -13,8 +15,13 @@ export function FindingsList({ findings, run }: { readonly findings: Findings; r
   }
   // After a reconnection the annealing's last word may come behind the plan it led to.
   if (planning !== null && (plan === null || planning.at > plan.at)) {
-    const share = planning.iterations === 0 ? 0 : planning.iteration / planning.iterations;
-    rows.push([text.plan, text.planning(Math.round(100 * share))]);
+    const { share, leftS } = searchOf(annealing) ?? { share: 0, leftS: null };
+    rows.push([
+      text.plan,
+      <Fragment key="planning">
+        {text.planning(Math.round(100 * share))} <Countdown key={planning.at} leftS={leftS} />
+      </Fragment>,
+    ]);
     rows.push([text.fitness, planning.fitness.toFixed(4)]);
   } else if (plan !== null) {
     // The ring is taken as it is: nothing was weighed.

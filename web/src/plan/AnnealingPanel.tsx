@@ -4,7 +4,10 @@ import { useConsole } from "../context";
 import { count, power } from "../design/format";
 import { Panel } from "../design/Panel";
 import { LOGARITHMIC, Plot, RIGHT } from "../design/Plot";
+import { Countdown, Waiting } from "../design/Waiting";
+import { isActive } from "../state/state";
 import { words } from "../text/words";
+import { searchOf } from "./search";
 
 /** The annealing as it runs: best fitness so far and temperature over the moves. */
 export function AnnealingPanel({ plan }: { readonly plan: Plan | null }) {
@@ -30,6 +33,7 @@ export function AnnealingPanel({ plan }: { readonly plan: Plan | null }) {
       className="annealing"
       aside={last !== undefined && <span>{text.moves(count(last.iteration), count(moves ?? last.iteration))}</span>}
     >
+      <SearchProgress />
       <div className="curve" data-testid="annealing-curve" data-points={course.length}>
         <div className="curve-legend" aria-hidden="true">
           <span className="key key-held-out">{text.fitness}</span>
@@ -66,5 +70,28 @@ export function AnnealingPanel({ plan }: { readonly plan: Plan | null }) {
         {course.length === 0 && <p className="curve-empty">{text.noAnnealing}</p>}
       </div>
     </Panel>
+  );
+}
+
+/** How far the search for a plan is; before its first report, what is waited for. */
+function SearchProgress() {
+  const { planning, annealing, plan } = useConsole((state) => state.findings);
+  const phase = useConsole(({ capture }) => (capture !== null && isActive(capture) ? capture.phase : null));
+  const text = words.plan;
+  // After a reconnection the search's last word may come behind the plan it led to.
+  const running = phase !== null && planning !== null && (plan === null || planning.at > plan.at);
+  const search = running ? searchOf(annealing) : null;
+  if (search === null) {
+    return phase === "plan" && plan === null ? (
+      <p className="under-way">
+        <Waiting what={text.weighing} />
+      </p>
+    ) : null;
+  }
+  return (
+    <p className="under-way" data-testid="search">
+      <progress aria-label={text.searchProgress} value={search.share} max={1} />
+      <Countdown key={planning?.at} leftS={search.leftS} />
+    </p>
   );
 }

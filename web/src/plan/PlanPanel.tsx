@@ -1,8 +1,10 @@
 import type { ReactNode } from "react";
 import type { Plan } from "../api/plans";
+import type { Answer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { clock, decimal } from "../design/format";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { drainPerS } from "../state/history";
 import { isActive } from "../state/state";
 import { words } from "../text/words";
@@ -13,12 +15,13 @@ import { flightLeftS, nearestM, routes, usualFlightS } from "./route";
 const USUAL_DRAIN_PCT_S = 100 / (13 * 60);
 
 /** What was chosen, how good it is, and what it costs in time and battery. */
-export function PlanPanel({ plan, error }: { readonly plan: Plan | null; readonly error: string | null }) {
+export function PlanPanel({ answer }: { readonly answer: Answer<Plan | null> }) {
+  const { value: plan, error, asking } = answer;
   const text = words.plan;
   return (
     <Panel title={text.title} className="plan-facts">
       {error !== null && <p className="field-error">{text.unknown(error)}</p>}
-      {plan === null ? <p className="empty">{text.none}</p> : <Facts plan={plan} />}
+      {plan !== null ? <Facts plan={plan} /> : asking ? <Asking /> : <p className="empty">{text.none}</p>}
     </Panel>
   );
 }

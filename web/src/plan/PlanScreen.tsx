@@ -11,14 +11,15 @@ import { ViewpointsPanel } from "./ViewpointsPanel";
 /** Where the pictures are taken: the scene, what was chosen and what it costs. */
 export function PlanScreen() {
   const known = useConsole((state) => `${state.epoch} ${state.findings.plan?.at ?? ""}`);
-  const { value: plan, error } = useAnswer(known, getPlan);
+  const answer = useAnswer(known, getPlan);
+  const plan = answer.value;
   return (
     <>
       <div className="column column-scene">
         <ScenePanel aside={<PlanViewSwitch comparable={(plan?.ring.length ?? 0) > 0} />} />
       </div>
       <div className="column column-plan">
-        <PlanPanel plan={plan} error={error} />
+        <PlanPanel answer={answer} />
         {plan === null ? <TopView plan={plan} /> : <ViewpointsPanel plan={plan} />}
       </div>
       <div className="column column-plan">

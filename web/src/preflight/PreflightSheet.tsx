@@ -2,6 +2,7 @@ import { useEffect, useRef, useState, type KeyboardEvent } from "react";
 import type { CaptureRequest } from "../api/captures";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
+import { Elapsed } from "../design/Waiting";
 import { words } from "../text/words";
 import { CheckRow } from "./CheckRow";
 import { blocks, groups, overridesFrom, readiness, type Group, type Reasons } from "./readiness";
@@ -101,7 +102,7 @@ function Verdict(props: { readonly preflight: Preflight; readonly blockers: numb
     error !== null
       ? text.stale(error)
       : checks === null
-        ? text.asking
+        ? <>{text.asking} <Elapsed /></>
         : props.blockers === 0
           ? text.clear
           : text.blocked(props.blockers);

@@ -1,5 +1,6 @@
-import { useEffect, useRef } from "react";
+import { useEffect, useRef, useState } from "react";
 import type { DroneReplay } from "../api/replay";
+import { Waiting } from "../design/Waiting";
 import { words } from "../text/words";
 import { filmCourse } from "./course";
 import type { ReplayClock } from "./useReplayClock";
@@ -15,6 +16,7 @@ interface ReplayFilmProps {
 export function ReplayFilm({ drone, name, colour, clock }: ReplayFilmProps) {
   const video = useRef<HTMLVideoElement>(null);
   const { atS, running, speed } = clock;
+  const [loading, setLoading] = useState(true);
   useEffect(() => {
     const film = video.current;
     if (film === null || !(film.duration > 0)) return;
@@ -44,7 +46,18 @@ export function ReplayFilm({ drone, name, colour, clock }: ReplayFilmProps) {
           muted
           playsInline
           preload="auto"
+          onLoadedData={() => {
+            setLoading(false);
+          }}
+          onError={() => {
+            setLoading(false);
+          }}
         />
+      )}
+      {drone.film !== null && loading && (
+        <span className="waiting-over">
+          <Waiting quiet what={words.replay.filmLoads} />
+        </span>
       )}
       <figcaption className="line-drone">{name}</figcaption>
     </figure>

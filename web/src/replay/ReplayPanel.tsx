@@ -7,6 +7,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
+import { Making } from "./Making";
 import { MomentList } from "./MomentList";
 import { ReplayFilm } from "./ReplayFilm";
 import { ReplayMap } from "./ReplayMap";
@@ -18,7 +19,7 @@ const SPEEDS = [0.5, 1, 2, 4];
 
 /** A capture's recording: all videos, the way of every drone and what happened, in step. */
 export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
-  const { value: replay, error, again } = useAnswer(entry.id, () => getReplay(entry.id));
+  const { value: replay, error, asking, again } = useAnswer(entry.id, () => getReplay(entry.id));
   const text = words.replay;
   const name = entry.name === "" ? entry.id : entry.name;
   return (
@@ -27,7 +28,7 @@ export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
       className="run replay-panel"
       aside={<a href={hashOfScreen("library", entry.id)}>{text.back}</a>}
     >
-      {error !== null && (
+      {error !== null && !asking && (
         <p className="field-error" role="alert">
           {text.failed(error)}{" "}
           <button type="button" className="button button-small" onClick={again}>
@@ -35,11 +36,7 @@ export function ReplayPanel({ entry }: { readonly entry: CaptureEntry }) {
           </button>
         </p>
       )}
-      {error === null && replay === null && (
-        <p className="empty" role="status">
-          {text.making}
-        </p>
-      )}
+      {replay === null && asking && <Making captureId={entry.id} />}
       {replay !== null && <Shown replay={replay} />}
     </Panel>
   );

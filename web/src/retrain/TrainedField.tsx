@@ -1,8 +1,11 @@
+import { CANCEL_MS } from "../api/jobs";
 import { isUnfinished, type Training } from "../api/trainings";
 import { useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
-import { bytes, moment } from "../design/format";
+import { bytes, clock, moment } from "../design/format";
 import { Icon, type IconName } from "../design/Icon";
+import { useUnderWay } from "../design/useUnderWay";
+import { TimeLeft, Waiting } from "../design/Waiting";
 import { words } from "../text/words";
 import { FieldCard, settingWords, type Marking } from "./FieldCard";
 
@@ -37,12 +40,13 @@ export function TrainedField({ training, marking, onChanged }: TrainedFieldProps
       testId={`training-${training.state}`}
     >
       {training.error !== null && <span className="field-error">{training.error}</span>}
-      {training.state === "running" && <Progress training={training} />}
+      {training.state === "running" && training.job !== null && <Stage key={training.phase} training={training} />}
       <span className="capture-line">
         <span className={`chip chip-${face.tone}`}>
           <Icon name={face.icon} />
           {text.state[training.state]}
         </span>
+        {training.state === "queued" && <span>{text.ahead(training.ahead)}</span>}
         <Actions
           training={training}
           title={title}
@@ -58,12 +62,24 @@ export function TrainedField({ training, marking, onChanged }: TrainedFieldProps
   );
 }
 
-function Progress({ training }: { readonly training: Training }) {
-  const stages: Readonly<Record<string, string>> = words.field.stage;
+/** How far the stage is that a training is at; the later ones are of other lengths. */
+function Stage({ training }: { readonly training: Training }) {
+  const text = words.retrain;
+  const names: Readonly<Record<string, string>> = words.field.stage;
+  const { phase, progress } = training;
+  if (phase === "") return <Waiting quiet what={text.begins} />;
+  // Nothing but the server's own clock goes into it: the browser's may be another.
+  const [askedS, nowS] = [training.created_at, training.updated_at].map((at) => Date.parse(at) / 1000) as [
+    number,
+    number,
+  ];
   return (
     <span className="capture-line">
-      <span>{stages[training.phase] ?? training.phase}</span>
-      <progress aria-label={words.retrain.progress} value={training.progress} max={1} />
+      <span>{names[phase] ?? phase}</span>
+      {/* Of a stage that does not tell its length there is no share. */}
+      <progress aria-label={text.progress} value={progress > 0 ? progress : undefined} max={1} />
+      <TimeLeft share={progress} atS={nowS} />
+      <span>{text.since(clock(nowS - askedS))}</span>
     </span>
   );
 }
@@ -77,20 +93,25 @@ interface ActionsProps {
 
 function Actions({ training, title, onChanged, onDeleted }: ActionsProps) {
   const operator = useOperator();
+  const [underWay, follow] = useUnderWay();
   const { job, files } = training;
   const text = words.library;
   if (job !== null) {
     return (
-      <button
-        type="button"
-        className="button button-small button-quiet"
-        onClick={() => {
-          void operator.cancelJob(job).then(onChanged);
-        }}
-      >
-        <Icon name="abort" />
-        {words.retrain.cancel}
-      </button>
+      <>
+        <button
+          type="button"
+          className="button button-small button-quiet"
+          disabled={underWay}
+          onClick={() => {
+            follow(operator.cancelJob(job).then(onChanged));
+          }}
+        >
+          <Icon name="abort" />
+          {words.retrain.cancel}
+        </button>
+        {underWay && <Waiting quiet what={words.retrain.cancelling} mostMs={CANCEL_MS} />}
+      </>
     );
   }
   if (isUnfinished(training) || files.length === 0) return null;
@@ -98,6 +119,7 @@ function Actions({ training, title, onChanged, onDeleted }: ActionsProps) {
     <ConfirmButton
       className="button-small button-danger"
       testId="delete-training"
+      disabled={underWay}
       label={
         <>
           <Icon name="trash" />
@@ -112,9 +134,10 @@ function Actions({ training, title, onChanged, onDeleted }: ActionsProps) {
         </>
       }
       onConfirm={() => {
-        void operator.deleteTraining(training.capture, training.id).then((done) => {
+        const deletion = operator.deleteTraining(training.capture, training.id).then((done) => {
           if (done) onDeleted();
         });
+        follow(deletion);
       }}
     />
   );

@@ -1,9 +1,11 @@
 import { useId, useState, type SubmitEvent } from "react";
 import type { ScaleFound } from "../api/scale";
+import { LONG_WORK_MS } from "../api/request";
 import { useOperator } from "../context";
 import { decimal } from "../design/format";
 import { Icon } from "../design/Icon";
 import { NumberField } from "../design/NumberField";
+import { Waiting } from "../design/Waiting";
 import { words } from "../text/words";
 import { MarkedPicture } from "./MarkedPicture";
 import { endsOf, isEnough, nextEnd, withMark, type End, type Mark } from "./marks";
@@ -118,7 +120,12 @@ export function KnownLength({ captureId, pictures }: KnownLengthProps) {
         {length !== "" && !fits && <p className="field-error">{text.lengthBounds(MOST_M)}</p>}
         {!isEnough(marks) && found === null && <p className="hint">{text.missing}</p>}
       </form>
-      {found !== null && (
+      {asking && (
+        <p>
+          <Waiting quiet what={text.setting} mostMs={LONG_WORK_MS} />
+        </p>
+      )}
+      {found !== null && !asking && (
         <p role="status" data-testid="scale-found">
           {text.found(decimal(found.measured_m, 3), decimal(found.factor, 4), decimal(found.sigma, 4))}
         </p>

@@ -3,6 +3,7 @@ import { BASE } from "../api/base";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Waiting } from "../design/Waiting";
 import { listenForHold } from "../fly/holdKey";
 import { forwardPageKeys } from "../shell/pageKeys";
 import { words } from "../text/words";
@@ -83,12 +84,14 @@ function SeenLegend() {
 function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
   const operator = useOperator();
   const frame = useRef<HTMLIFrameElement>(null);
+  const [loading, setLoading] = useState(true);
   const [dark] = useState(() => !matchMedia("(prefers-color-scheme: light)").matches);
   useEffect(() => {
     const element = frame.current;
     if (element === null) return;
     let forget: (() => void) | undefined;
     const loaded = () => {
+      setLoading(false);
       forget?.();
       const inside = element.contentWindow;
       // An error answer is a page of plain text or JSON, or one that the browser made itself.
@@ -111,11 +114,18 @@ function SceneFrame({ onDown }: { readonly onDown: (down: boolean) => void }) {
     };
   }, [onDown, operator]);
   return (
-    <iframe
-      ref={frame}
-      title={words.scene.frame}
-      src={`${BASE}/scene/${dark ? "?darkMode" : ""}`}
-      data-testid="scene-frame"
-    />
+    <>
+      <iframe
+        ref={frame}
+        title={words.scene.frame}
+        src={`${BASE}/scene/${dark ? "?darkMode" : ""}`}
+        data-testid="scene-frame"
+      />
+      {loading && (
+        <span className="waiting-over">
+          <Waiting quiet what={words.scene.loading} />
+        </span>
+      )}
+    </>
   );
 }

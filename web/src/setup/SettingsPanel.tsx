@@ -3,13 +3,14 @@ import { getSettings, type Setting } from "../api/setup";
 import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { LANGUAGES, language, changeLanguage, words, type Language } from "../text/words";
 import { boundsText, matches, valueText } from "./setting";
 
 /** Every setting with its meaning and its bounds. They are set when the console starts. */
 export function SettingsPanel() {
   const epoch = useConsole((state) => state.epoch);
-  const { value: settings, error } = useAnswer(`settings ${epoch}`, getSettings);
+  const { value: settings, error, asking } = useAnswer(`settings ${epoch}`, getSettings);
   const [wanted, setWanted] = useState("");
   const text = words.setup;
   const found = (settings ?? []).filter((setting) => matches(setting, wanted));
@@ -17,6 +18,7 @@ export function SettingsPanel() {
   return (
     <Panel title={text.settings} className="settings" aside={<LanguageChoice />}>
       {error !== null && <p className="field-error">{text.unknown(error)}</p>}
+      {settings === null && asking && <Asking />}
       <p className="hint">{text.readOnly}</p>
       <label className="field-input">
         {text.search}

@@ -74,6 +74,8 @@ function failsafe(droneId: string, changes: Partial<FailsafeReport> = {}): Fails
   };
 }
 
+const LOST = { type: "stream_lost", retryInMs: 250 } as const;
+
 function after(messages: readonly Message[], from: ConsoleState = INITIAL_STATE): ConsoleState {
   return messages.reduce((state, message) => reduce(state, message, T0), from);
 }
@@ -82,19 +84,19 @@ describe("reduce: connection", () => {
   it("counts openings and remembers when the line was lost first", () => {
     let state = after([{ type: "stream_opened" }]);
     expect([state.connection.kind, state.epoch]).toEqual(["open", 1]);
-    state = reduce(state, { type: "stream_lost" }, T0 + 5);
-    state = reduce(state, { type: "stream_lost" }, T0 + 900);
-    expect(state.connection).toEqual({ kind: "lost", sinceMs: T0 + 5 });
+    state = reduce(state, LOST, T0 + 5);
+    state = reduce(state, { ...LOST, retryInMs: 500 }, T0 + 900);
+    expect(state.connection).toEqual({ kind: "lost", sinceMs: T0 + 5, retryMs: T0 + 1400 });
     expect(after([{ type: "stream_opened" }], state).epoch).toBe(2);
   });
 
   it("stays signed out while the stream keeps trying", () => {
-    const state = after([{ type: "signed_out" }, { type: "stream_lost" }]);
+    const state = after([{ type: "signed_out" }, LOST]);
     expect(state.connection.kind).toBe("signed_out");
   });
 
   it("keeps the drones on the page over a reconnection", () => {
-    const state = after([drone("a"), { type: "stream_lost" }, { type: "stream_opened" }]);
+    const state = after([drone("a"), LOST, { type: "stream_opened" }]);
     expect([...state.drones.keys()]).toEqual(["a"]);
   });
 });
@@ -166,7 +168,7 @@ describe("reduce: command", () => {
     const taken = after([{ type: "command_taken" }]);
     expect(taken.inCommand).toBe(true);
     expect(after([{ type: "command_taken" }], taken)).toBe(taken);
-    expect(after([{ type: "stream_lost" }, { type: "stream_opened" }], taken).inCommand).toBe(true);
+    expect(after([LOST, { type: "stream_opened" }], taken).inCommand).toBe(true);
     expect(after([{ type: "command_released" }], taken).inCommand).toBe(false);
   });
 });
@@ -312,7 +314,7 @@ describe("reduce: what the server repeats after a reconnection", () => {
       drone_id: null,
     });
     const before = after([capture("2", { phase: "train" }), picture(0), note("a")]);
-    const lost = reduce(before, { type: "stream_lost" }, T0);
+    const lost = reduce(before, LOST, T0);
     const opened = reduce(lost, { type: "stream_opened" }, T0 + 12_000);
     const told = [note("a"), note("bb"), note("ccc"), ...repeated, drone("a")];
     const state = told.reduce((last, message) => reduce(last, message, T0 + 12_100), opened);

@@ -85,8 +85,15 @@ function reduceLocal(state: ConsoleState, message: LocalMessage, nowMs: number):
         noGo: [],
       };
     case "stream_lost":
-      if (state.connection.kind === "lost" || state.connection.kind === "signed_out") return state;
-      return { ...state, connection: { kind: "lost", sinceMs: nowMs } };
+      if (state.connection.kind === "signed_out") return state;
+      return {
+        ...state,
+        connection: {
+          kind: "lost",
+          sinceMs: state.connection.kind === "lost" ? state.connection.sinceMs : nowMs,
+          retryMs: nowMs + message.retryInMs,
+        },
+      };
     case "signed_out":
       return { ...state, connection: { kind: "signed_out" } };
     case "failsafes_known":

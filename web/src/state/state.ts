@@ -27,7 +27,8 @@ import { EMPTY_SERIES, type QualitySeries } from "./series";
 export type Connection =
   | { readonly kind: "connecting" }
   | { readonly kind: "open" }
-  | { readonly kind: "lost"; readonly sinceMs: number }
+  /** The next attempt to open it begins at `retryMs`. */
+  | { readonly kind: "lost"; readonly sinceMs: number; readonly retryMs: number }
   /** The server is there and does not know this browser any more. */
   | { readonly kind: "signed_out" };
 
@@ -123,7 +124,7 @@ export interface ConsoleState extends Mission {
 /** What happens inside the browser, beside what the server says. */
 export type LocalMessage =
   | { readonly type: "stream_opened" }
-  | { readonly type: "stream_lost" }
+  | { readonly type: "stream_lost"; readonly retryInMs: number }
   | { readonly type: "signed_out" }
   | { readonly type: "failsafes_known"; readonly rows: readonly FailsafeRow[] }
   /** What the drones reported before this page listened. */

@@ -5,6 +5,13 @@ export const de: Catalogue = {
   title: "DroNeRF",
   none: "–",
   dismiss: "Schließen",
+  waiting: {
+    left: (time) => `noch ${time}`,
+    atMost: (time, most) => `${time}, höchstens ${most}`,
+    due: "gleich fertig",
+    silent: (seconds) => `seit ${seconds} s nichts gehört`,
+    console: "Die Konsole wird gefragt…",
+  },
   screens: {
     label: "Ansichten",
     fly: "Fliegen",
@@ -33,6 +40,7 @@ export const de: Catalogue = {
   },
   connection: {
     connecting: "Verbinde",
+    connectingFor: (seconds) => `Verbinde seit ${seconds} s`,
     open: "Live",
     silent: (seconds) => `Seit ${seconds} s still`,
     lost: "Verbinde neu",
@@ -40,6 +48,8 @@ export const de: Catalogue = {
     lostText:
       "Keine Verbindung: alle Werte unten sind alt. HOLD, LAND und CUT MOTORS gehen eigene Wege und kommen vielleicht noch durch.",
     lostFor: (seconds) => `${seconds} s`,
+    retryIn: (seconds) => `nächster Versuch in ${seconds} s`,
+    retrying: "Versuch läuft",
     answers: (what) => `Du hast das Kommando und bist still: ${what}.`,
     signedOutText: "Dieser Browser ist nicht mehr angemeldet. Die Stopps wirken von hier nicht.",
     signIn: "Neu anmelden",
@@ -323,6 +333,7 @@ export const de: Catalogue = {
     abort: "Abbrechen",
     abortConfirm: "Abbrechen und landen?",
     abortDown: "Abbrechen? Bilder bleiben",
+    aborting: "Wird abgebrochen…",
     grounded: {
       title: "Alle Drohnen sind unten",
       safe: (taken, total) => `${taken} von ${total} Bildern sind sicher. Die Aufnahme wartet auf dich.`,
@@ -387,6 +398,7 @@ export const de: Catalogue = {
     seenOften: "drei oder mehr",
     title: "Szene",
     frame: "3D-Szene: Drohnen, Objekt, geplante und gemachte Bilder",
+    loading: "Die 3D-Szene wird geladen…",
     down: "Die 3D-Szene ist nicht da.",
     retrying: "Der Flug hängt nicht von ihr ab. Neuer Versuch alle paar Sekunden.",
     reload: "Neu laden",
@@ -501,6 +513,8 @@ export const de: Catalogue = {
     moves: (done, all) => `${done} von ${all} Zügen`,
     temperature: "Temperatur",
     noAnnealing: "Die Kurve erscheint, während ein Plan entsteht.",
+    searchProgress: "Erledigter Teil der Züge",
+    weighing: "Der Planer startet und wägt die Kandidaten…",
     above: "Von oben",
     aboveShows: (views, volumes) =>
       `${views} Standpunkte um das Objekt und ${volumes} Sperrräume, von oben gesehen`,
@@ -552,7 +566,9 @@ export const de: Catalogue = {
     title: (name) => `Aufzeichnung: ${name}`,
     open: "Flug noch einmal ansehen",
     back: "Zurück zur Aufnahme",
-    making: "Die Aufzeichnung wird gelesen: beim ersten Mal einige Sekunden…",
+    making: "Die Aufzeichnung wird gelesen, beim ersten Mal werden ihre Filme geschnitten…",
+    progress: "Gelesener Teil der Aufzeichnung",
+    filmLoads: "Der Film wird geladen…",
     failed: (reason) => `Keine Aufzeichnung: ${reason}.`,
     run: "Abspielen",
     stand: "Anhalten",
@@ -598,6 +614,8 @@ export const de: Catalogue = {
       fields === 1
         ? "Endgültig löschen, mit 1 neu trainierten Feld?"
         : `Endgültig löschen, mit ${fields} neu trainierten Feldern?`,
+    deleting: (files) =>
+      files === null ? "Die Dateien werden gelöscht…" : `${files} ${files === 1 ? "Datei wird" : "Dateien werden"} gelöscht…`,
     deleted: (id) => `${id} und alle Dateien sind gelöscht`,
     deleteFailed: (id, reason) => `${id} wurde nicht gelöscht: ${reason}`,
     films: "Filme",
@@ -638,6 +656,10 @@ export const de: Catalogue = {
     start: "Trainieren",
     cancel: "Abbrechen",
     progress: "Erledigter Teil dieses Abschnitts",
+    ahead: (others) => (others === 0 ? "ist als Nächstes dran" : others === 1 ? "nach 1 anderen" : `nach ${others} anderen`),
+    begins: "Das Training wird gestartet…",
+    since: (time) => `vor ${time} verlangt`,
+    cancelling: "Das Training wird gebeten zu enden…",
     secondsBounds: (least, most) => `Training: ${least} bis ${most} Sekunden.`,
     seedBounds: (most) => `Startwert: eine ganze Zahl von 0 bis ${most}.`,
     state: {
@@ -667,6 +689,7 @@ export const de: Catalogue = {
     lengthBounds: (most) => `Eine Länge über 0, höchstens ${most} m.`,
     missing: "Jedes Ende braucht eine Marke in zwei Bildern.",
     set: "Maßstab setzen",
+    setting: "Der Maßstab wird gesucht; Posen, Feld und Netz werden geändert…",
     found: (seemed, factor, sigma) =>
       `Es schien ${seemed} m lang zu sein. Alle Längen wurden mit ${factor} ± ${sigma} malgenommen: Posen, Feld, Netz.`,
     failed: (reason) => `Der Maßstab bleibt, wie er ist: ${reason}`,

@@ -3,6 +3,13 @@ export const en = {
   title: "DroNeRF",
   none: "–",
   dismiss: "Dismiss",
+  waiting: {
+    left: (time: string) => `${time} left`,
+    atMost: (time: string, most: string) => `${time}, at most ${most}`,
+    due: "any moment now",
+    silent: (seconds: number) => `nothing heard for ${seconds} s`,
+    console: "Asking the console…",
+  },
   screens: {
     label: "Screens",
     fly: "Fly",
@@ -31,6 +38,7 @@ export const en = {
   },
   connection: {
     connecting: "Connecting",
+    connectingFor: (seconds: number) => `Connecting, ${seconds} s`,
     open: "Live",
     silent: (seconds: number) => `Silent ${seconds} s`,
     lost: "Reconnecting",
@@ -38,6 +46,8 @@ export const en = {
     lostText:
       "No connection: every value below is old. HOLD, LAND and CUT MOTORS are sent on their own and may still get through.",
     lostFor: (seconds: number) => `${seconds} s`,
+    retryIn: (seconds: number) => `next attempt in ${seconds} s`,
+    retrying: "trying now",
     answers: (what: string) => `You are in command and silent: ${what}.`,
     signedOutText: "This browser is no longer signed in. The stops do not work from here.",
     signIn: "Sign in again",
@@ -320,6 +330,7 @@ export const en = {
     abort: "Abort",
     abortConfirm: "Abort and land?",
     abortDown: "Abort? Pictures stay",
+    aborting: "Aborting…",
     grounded: {
       title: "All drones are down",
       safe: (taken: number, total: number) =>
@@ -389,6 +400,7 @@ export const en = {
     seenOften: "three or more",
     title: "Scene",
     frame: "3D scene: drones, object, planned and taken views",
+    loading: "The 3D scene is being loaded…",
     down: "The 3D scene is not available.",
     retrying: "Flying does not depend on it. Trying again every few seconds.",
     reload: "Reload",
@@ -505,6 +517,8 @@ export const en = {
     moves: (done: string, all: string) => `${done} of ${all} moves`,
     temperature: "Temperature",
     noAnnealing: "The curve appears while a plan is made.",
+    searchProgress: "Share of the annealing's moves done",
+    weighing: "The planner starts and weighs the candidates…",
     above: "From above",
     aboveShows: (views: number, volumes: number) =>
       `${views} viewpoints around the object and ${volumes} no-go volumes, seen from above`,
@@ -556,7 +570,9 @@ export const en = {
     title: (name: string) => `Replay: ${name}`,
     open: "Replay the flight",
     back: "Back to the capture",
-    making: "Reading the recording: a few seconds the first time…",
+    making: "Reading the recording, and the first time cutting its films…",
+    progress: "Share of the recording read",
+    filmLoads: "The film is being loaded…",
     failed: (reason: string) => `No replay: ${reason}.`,
     run: "Play",
     stand: "Pause",
@@ -600,6 +616,8 @@ export const en = {
     deleteConfirm: "Delete for good?",
     deleteWithFields: (fields: number) =>
       fields === 1 ? "Delete for good, with 1 field trained anew?" : `Delete for good, with ${fields} fields trained anew?`,
+    deleting: (files: number | null) =>
+      files === null ? "Deleting its files…" : `Deleting ${files} ${files === 1 ? "file" : "files"}…`,
     deleted: (id: string) => `${id} and its files were deleted`,
     deleteFailed: (id: string, reason: string) => `${id} was not deleted: ${reason}`,
     films: "Films",
@@ -640,6 +658,10 @@ export const en = {
     start: "Train",
     cancel: "Cancel",
     progress: "Share of this stage done",
+    ahead: (others: number) => (others === 0 ? "is next" : others === 1 ? "behind 1 other" : `behind ${others} others`),
+    begins: "The training is being started…",
+    since: (time: string) => `asked for ${time} ago`,
+    cancelling: "The worker is asked to end…",
     secondsBounds: (least: number, most: number) => `Training: ${least} to ${most} seconds.`,
     seedBounds: (most: number) => `Seed: a whole number from 0 to ${most}.`,
     state: {
@@ -669,6 +691,7 @@ export const en = {
     lengthBounds: (most: number) => `A length above 0, at most ${most} m.`,
     missing: "Each end wants a mark in two pictures.",
     set: "Set the scale",
+    setting: "Finding the scale and changing poses, field and mesh…",
     found: (seemed: string, factor: string, sigma: string) =>
       `It seemed to be ${seemed} m. All lengths were multiplied by ${factor} ± ${sigma}: poses, field, mesh.`,
     failed: (reason: string) => `The scale stays as it is: ${reason}`,
