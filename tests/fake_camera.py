@@ -19,7 +19,6 @@ from server.vision.calibration_board import DEFAULT_BOARD, parse_board
 
 # Half a Tello's picture: boards are found as well, and drawn in a quarter of the time.
 LENS = Intrinsics(480, 360, 465.0, 463.0, 234.0, 176.0, (-0.035, 0.105, 0.0013, -0.0016, 0.0))
-_FRAME_S = 0.004
 
 
 class FakeCamera:
@@ -35,6 +34,7 @@ class FakeCamera:
         self.each = 3
         self.sequence = 0
         self.gone = False
+        self.frame_s = 0.004
 
     def set_video(self, on: bool) -> None:
         self.video_wanted = on
@@ -47,8 +47,8 @@ class FakeCamera:
         if self.gone:
             raise DroneError(f"{self.config.id}: closed")
         while not self.pictures or not self.video_wanted:  # noqa: ASYNC110 - Nothing tells.
-            await asyncio.sleep(_FRAME_S)
-        await asyncio.sleep(_FRAME_S)
+            await asyncio.sleep(self.frame_s)
+        await asyncio.sleep(self.frame_s)
         picture = self.pictures[self.sequence // self.each % len(self.pictures)]
         self.sequence += 1
         now_s = asyncio.get_running_loop().time()

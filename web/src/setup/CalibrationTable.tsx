@@ -2,8 +2,18 @@ import type { StartPlace } from "../api/setup";
 import { Icon } from "../design/Icon";
 import { words } from "../text/words";
 
+interface CalibrationTableProps {
+  readonly places: readonly StartPlace[];
+  readonly onCalibrate: (droneId: string) => void;
+}
+
+/** The id of the button that opens the calibration of a drone's camera. */
+export function calibrateButtonId(droneId: string): string {
+  return `calibrate-${droneId}`;
+}
+
 /** What is known of each camera, and how to know more. */
-export function CalibrationTable({ places }: { readonly places: readonly StartPlace[] }) {
+export function CalibrationTable({ places, onCalibrate }: CalibrationTableProps) {
   const text = words.setup.calibration;
   const [first] = places.filter((place) => !place.calibrated);
   return (
@@ -16,6 +26,7 @@ export function CalibrationTable({ places }: { readonly places: readonly StartPl
             <th scope="col">{text.camera}</th>
             <th scope="col">{text.focal}</th>
             <th scope="col">{text.tilt}</th>
+            <td />
           </tr>
         </thead>
         <tbody>
@@ -32,6 +43,21 @@ export function CalibrationTable({ places }: { readonly places: readonly StartPl
               </td>
               <td>{place.focal_px.toFixed(0)} px</td>
               <td>{place.tilt_deg.toFixed(1)}°</td>
+              <td>
+                <button
+                  type="button"
+                  id={calibrateButtonId(place.drone_id)}
+                  className="button button-small"
+                  aria-label={text.calibrateOf(place.name)}
+                  data-testid={calibrateButtonId(place.drone_id)}
+                  onClick={() => {
+                    onCalibrate(place.drone_id);
+                  }}
+                >
+                  <Icon name="target" />
+                  {text.calibrate}
+                </button>
+              </td>
             </tr>
           ))}
         </tbody>
