@@ -132,6 +132,8 @@ async def test_without_a_fleet_file_its_lines_are_offered(tmp_path: Path, browse
         text = await asyncio.to_thread(Path(await kept.path()).read_text)
         assert "[drones.intrinsics]" in text
         await page.get_by_test_id("calibration-use").click()
-        await expect(page.get_by_test_id("calibration-used")).to_contain_text("In use now")
+        await expect(page.get_by_test_id("calibration-used")).to_contain_text(
+            "until the console ends"
+        )
         await expect(lines).to_be_visible()
         await page.close()

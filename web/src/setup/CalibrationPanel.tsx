@@ -34,6 +34,21 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
   useArrival(top);
   const { calibration, error, refusal } = desk;
   const text = words.setup.calibrating;
+  const idle = calibration?.state === "idle";
+  const picture = report !== undefined && calibration?.state !== "solved" && (
+    <LivePicture key="picture" report={report} />
+  );
+  // Read before the first view; from then on what the camera sees comes first.
+  const how = (
+    <>
+      <ol className="steps">
+        {text.steps.map((step) => (
+          <li key={step}>{step}</li>
+        ))}
+      </ol>
+      <BoardSheet droneId={place.drone_id} />
+    </>
+  );
   return (
     <Panel
       title={text.title(place.name)}
@@ -47,7 +62,8 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
     >
       <div ref={top} className="calibrating-body" tabIndex={-1} data-testid="calibrating" data-state={calibration?.state}>
         {error !== null && <p className="field-error">{text.stale(error)}</p>}
-        {report !== undefined && <LivePicture report={report} />}
+        {idle && how}
+        {!idle && picture}
         {calibration !== null && (
           <>
             <Course calibration={calibration} />
@@ -71,12 +87,7 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
             <Buttons calibration={calibration} desk={desk} />
           </>
         )}
-        <ol className="steps">
-          {text.steps.map((step) => (
-            <li key={step}>{step}</li>
-          ))}
-        </ol>
-        <BoardSheet droneId={place.drone_id} />
+        {idle ? picture : how}
       </div>
     </Panel>
   );
@@ -121,16 +132,16 @@ function Course({ calibration }: { readonly calibration: Calibration }) {
         {state === "refused" && (calibration.lack === null ? calibration.reason : text.lack[calibration.lack])}
         {state === "ended" && (calibration.ending === null ? calibration.reason : text.ending[calibration.ending])}
       </p>
-      {state === "solving" && <progress aria-label={text.solving} />}
+      {state === "solving" && <progress className="calibration-progress" aria-label={text.solving} />}
+      {state === "collecting" && (
+        <progress className="calibration-progress" aria-label={text.views} value={views} max={wanted} />
+      )}
       {state !== "solved" && (
         <div className="calibration-course">
           <dl className="calibration-facts">
             <div>
               <dt>{text.views}</dt>
-              <dd>
-                <span data-testid="calibration-views">{text.viewsOf(views, wanted)}</span>
-                <progress aria-label={text.views} value={views} max={wanted} />
-              </dd>
+              <dd data-testid="calibration-views">{text.viewsOf(views, wanted)}</dd>
             </div>
             <div>
               <dt>{text.coverage}</dt>

@@ -75,7 +75,7 @@ export function CalibrationResult({ calibration, camera, asking, onUse }: Calibr
           data-testid="calibration-used"
         >
           <Icon name={applied.problem === "" ? "check" : "warning"} />{" "}
-          {applied.problem === "" ? text.used : text.notWritten(applied.problem)}{" "}
+          {applied.problem !== "" ? text.notWritten(applied.problem) : applied.file === null ? text.usedNoFile : text.used}{" "}
           {applied.file !== null && text.written(fileName(applied.file), fileName(applied.backup ?? ""))}
         </p>
       )}

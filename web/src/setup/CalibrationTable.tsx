@@ -26,7 +26,6 @@ export function CalibrationTable({ places, onCalibrate }: CalibrationTableProps)
             <th scope="col">{text.camera}</th>
             <th scope="col">{text.focal}</th>
             <th scope="col">{text.tilt}</th>
-            <td />
           </tr>
         </thead>
         <tbody>
@@ -35,15 +34,11 @@ export function CalibrationTable({ places, onCalibrate }: CalibrationTableProps)
               <th scope="row" className="line-drone" style={{ "--drone": place.colour } as React.CSSProperties}>
                 {place.name}
               </th>
-              <td>
+              <td className="calibration-cell">
                 <span className={`chip chip-${place.calibrated ? "good" : "calm"}`}>
                   <Icon name={place.calibrated ? "check" : "info"} />
                   {place.calibrated ? text.own : text.usual}
-                </span>
-              </td>
-              <td>{place.focal_px.toFixed(0)} px</td>
-              <td>{place.tilt_deg.toFixed(1)}°</td>
-              <td>
+                </span>{" "}
                 <button
                   type="button"
                   id={calibrateButtonId(place.drone_id)}
@@ -58,6 +53,8 @@ export function CalibrationTable({ places, onCalibrate }: CalibrationTableProps)
                   {text.calibrate}
                 </button>
               </td>
+              <td>{place.focal_px.toFixed(0)} px</td>
+              <td>{place.tilt_deg.toFixed(1)}°</td>
             </tr>
           ))}
         </tbody>

@@ -73,7 +73,7 @@ describe("a calibrated camera", () => {
   });
 
   it("goes into a file that is known by its name", () => {
-    expect(["/home/us/fleet.toml", "C:\\us\\fleet.toml", "fleet.toml"].map(fileName)).toEqual(
+    expect(["/etc/dronerf/fleet.toml", "C:\\us\\fleet.toml", "fleet.toml"].map(fileName)).toEqual(
       Array(3).fill("fleet.toml"),
     );
   });

@@ -709,7 +709,7 @@ export const de: Catalogue = {
       sideways: "Nach links oder rechts gedreht",
       upDown: "Nach oben oder unten geneigt",
       tiltsOf: (views, wanted) =>
-        views >= wanted ? `${views} von ${wanted}, genug` : `${views} von ${wanted}`,
+        views >= wanted ? `${views}, genug` : `${views} von ${wanted}`,
       coverage: "Vom Bild erreicht",
       coverageShows: (percent) =>
         `Das Bild der Kamera in Feldern: ${percent} % davon sind erreicht, die mit einem Punkt`,
@@ -768,6 +768,7 @@ export const de: Catalogue = {
       useNoFile:
         "Sie gilt sofort, bis die Konsole endet: die wurde ohne Flottendatei gestartet. Um sie zu behalten, setz diese Zeilen in die Flottendatei der Drohne.",
       used: "Ist jetzt in Gebrauch; nichts muss neu gestartet werden.",
+      usedNoFile: "Ist jetzt in Gebrauch, ohne Neustart, bis die Konsole endet.",
       written: (file, backup) => `In ${file} geschrieben; wie sie war: ${backup}.`,
       notWritten: (reason) =>
         `Sie ist in Gebrauch, aber nur bis die Konsole endet: die Flottendatei ließ sich nicht schreiben. ${reason}. Setz diese Zeilen selbst hinein.`,

@@ -713,7 +713,7 @@ export const en = {
       sideways: "Turned left or right",
       upDown: "Tilted up or down",
       tiltsOf: (views: number, wanted: number) =>
-        views >= wanted ? `${views} of ${wanted}, enough` : `${views} of ${wanted}`,
+        views >= wanted ? `${views}, enough` : `${views} of ${wanted}`,
       coverage: "Picture covered",
       coverageShows: (percent: number) =>
         `The camera's picture in cells: views have reached ${percent} % of them, those with a dot`,
@@ -772,6 +772,7 @@ export const en = {
       useNoFile:
         "It counts at once, until the console ends: it was started without a fleet file. To keep it, put these lines into the fleet file of the drone.",
       used: "In use now; nothing needs to be restarted.",
+      usedNoFile: "In use now, without a restart, until the console ends.",
       written: (file: string, backup: string) => `Written into ${file}; as it was: ${backup}.`,
       notWritten: (reason: string) =>
         `It is in use, but only until the console ends: the fleet file could not be written. ${reason}. Put these lines into it yourself.`,
