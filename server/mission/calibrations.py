@@ -65,6 +65,7 @@ class Calibrations:
         self._least = CalibrationConfig().views_least
         self._newest: dict[str, Calibrating] = {}
         self._applied: dict[str, Applied] = {}
+        self._writing = asyncio.Lock()
 
     async def close(self) -> None:
         """End what goes on."""
@@ -172,9 +173,11 @@ class Calibrations:
         if self._fleet_file is not None:
             file = self._fleet_file
             try:
-                backup = await asyncio.to_thread(
-                    write_intrinsics, file, drone_id, camera, result.remark
-                )
+                # Two written at once would each leave the other out.
+                async with self._writing:
+                    backup = await asyncio.to_thread(
+                        write_intrinsics, file, drone_id, camera, result.remark
+                    )
                 applied = Applied(file, backup)
             except (FleetFileError, OSError) as error:
                 applied = Applied(problem=str(error))

@@ -118,6 +118,23 @@ async def test_without_a_file_it_is_used_until_the_console_ends(
     assert bench.cameras["drone-1"].config.intrinsics != TELLO_INTRINSICS
 
 
+async def test_two_cameras_used_at_once_are_both_written(
+    tmp_path: Path, pictures: list[NDArray[np.uint8]]
+) -> None:
+    file = tmp_path / "fleet.toml"
+    file.write_text(FLEET)
+    bench = Bench()
+    desk = bench.desk(file)
+    for drone_id, camera in bench.cameras.items():
+        camera.pictures = pictures
+        desk.start(drone_id)
+        await until(desk, lambda r: r.state == "solved", drone_id)
+    used = await asyncio.gather(*(desk.apply(drone_id) for drone_id in bench.cameras))
+    assert len({record.applied.backup for record in used if record.applied}) == 2
+    for drone in load_fleet(file).drones:
+        assert drone.intrinsics != TELLO_INTRINSICS
+
+
 async def test_a_file_that_cannot_be_written_is_told(
     tmp_path: Path, pictures: list[NDArray[np.uint8]]
 ) -> None:
