@@ -182,7 +182,9 @@ async def _serve(arguments: argparse.Namespace, settings: Settings) -> int:
             fleet_config = (await stack.enter_async_context(simulated_fleet(wanted))).fleet
         book = JobBook(await stack.enter_async_context(job_runner(settings)))
         stack.push_async_callback(book.close)  # After the landing: a training may take its time.
-        control, fleet = await stack.enter_async_context(flying(settings, fleet_config, book))
+        control, fleet = await stack.enter_async_context(
+            flying(settings, fleet_config, book, arguments.fleet)
+        )
         address = await stack.enter_async_context(console(settings, control, fleet, sock, book))
         print(f"The console is at {address}", file=sys.stderr, flush=True)
         await stop.wait()

@@ -271,11 +271,15 @@ def job_place(settings: Settings) -> Path | None:
 
 @asynccontextmanager
 async def flying(
-    settings: Settings, fleet_config: FleetConfig, runner: JobRunner | None = None
+    settings: Settings,
+    fleet_config: FleetConfig,
+    runner: JobRunner | None = None,
+    fleet_file: Path | None = None,
 ) -> AsyncIterator[tuple[Control, Fleet]]:
     """Open the fleet and the mission control; on the way out every drone lands first.
 
-    Without ``runner`` background jobs are processes of this machine.
+    Without ``runner`` background jobs are processes of this machine. ``fleet_file`` is where the
+    fleet was read from: cameras calibrated here are written into it.
 
     Raises:
         StartError: If drones would start outside the fence, or a drone's sockets cannot be
@@ -300,6 +304,7 @@ async def flying(
             EventStream(),
             runner=runner,
             recording=settings.recording,
+            fleet_file=fleet_file,
         )
         await stack.enter_async_context(control)
         try:

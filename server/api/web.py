@@ -11,6 +11,7 @@ from typing import Any
 from fastapi import FastAPI
 
 from server.api.bodies import BoundedBodies
+from server.api.calibration import make_calibration_router
 from server.api.captures import make_captures_router
 from server.api.command import CommandDesk
 from server.api.config import ApiConfig
@@ -106,6 +107,7 @@ def make_web(
         return document
 
     web.include_router(make_drones_router(mission, stops, desk, journal, config.command_wait_s))
+    web.include_router(make_calibration_router(mission, desk))
     web.include_router(make_safety_router(mission))
     web.include_router(make_objects_router(mission, desk))
     web.include_router(make_no_go_router(mission, desk))

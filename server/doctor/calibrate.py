@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,8 +18,8 @@ from server.doctor.calibration_report import (
     write_pictures,
 )
 from server.doctor.config import DoctorConfig, LiveConfig
-from server.doctor.fleet_edit import write_intrinsics
 from server.doctor.live_views import LiveViewsError, collect_views, find_drone
+from server.store.fleet_edit import write_intrinsics
 from server.swarm.config import DroneConfig, FleetConfig
 from server.swarm.fleet_file import FleetFileError, load_fleet
 from server.vision.calibration import Calibration, CalibrationRefusedError, calibrate
@@ -32,12 +32,26 @@ from server.vision.calibration_board import (
 )
 from server.vision.calibration_views import (
     CalibrationConfig,
+    Hint,
     Picked,
     ViewPicker,
     coverage_of,
 )
 
 _ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+_HINTS: Mapping[Hint, str] = {
+    "show_board": "show the board",
+    "hold_still": "hold still",
+    "blurred": "hold still, blurred",
+    "left": "show it at the left",
+    "right": "show it at the right",
+    "top": "show it at the top",
+    "bottom": "show it at the bottom",
+    "tilt_sideways": "tilt it left or right",
+    "tilt_up_down": "tilt it up or down",
+    "nearer": "nearer, into the corners",
+    "another": "another place or tilt",
+}
 
 
 class CalibrateUsageError(ValueError):
@@ -170,7 +184,9 @@ def views_of_pictures(folder: Path, board: Board) -> list[BoardView]:
             sys.stderr.write(f"{path.name}: {reason}\n")
     sys.stderr.write(f"{board.name} found in {len(views)} of {len(files)} pictures\n")
     if not views:
-        raise CalibrationRefusedError(f"no picture shows the board {board.name}: {reason}")
+        raise CalibrationRefusedError(
+            "few_views", f"no picture shows the board {board.name}: {reason}"
+        )
     return views
 
 
@@ -228,7 +244,7 @@ class _Progress:
             return
         views = self._picker.views
         share = float((coverage_of(views) > 0).mean())
-        text = f"views {len(views)} of {self._wanted}, coverage {share:.0%}: {picked.hint}"
+        text = f"views {len(views)} of {self._wanted}, coverage {share:.0%}: {_HINTS[picked.hint]}"
         sys.stderr.write(f"\r\x1b[K{text}" if self._live else f"{text}\n")
         sys.stderr.flush()
 

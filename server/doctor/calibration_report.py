@@ -6,12 +6,12 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from server.vision.calibration import Calibration
 from server.vision.calibration_board import BoardView
+from server.vision.coverage_picture import coverage_png
 
 # From no corner in a cell of the picture to many.
 _SHADES = " .:+#"
@@ -29,32 +29,10 @@ def coverage_map(coverage: NDArray[np.int64]) -> str:
     return "\n".join([*rows, frame])
 
 
-def coverage_picture(calibration: Calibration, views: Sequence[BoardView]) -> NDArray[np.uint8]:
-    """Return a picture of the camera's size with every corner of the kept views."""
-    intrinsics = calibration.intrinsics
-    image = np.full((intrinsics.height, intrinsics.width, 3), 255, np.uint8)
-    rows, columns = calibration.coverage.shape
-    for row in range(rows):
-        for column in range(columns):
-            if not calibration.coverage[row, column]:
-                left, right = (intrinsics.width * (column + k) // columns for k in (0, 1))
-                top, bottom = (intrinsics.height * (row + k) // rows for k in (0, 1))
-                image[top:bottom, left:right] = (200, 200, 255)
-    kept = {name for name, _ in calibration.views}
-    for view in views:
-        if view.name in kept:
-            for x, y in view.pixels:
-                cv2.circle(image, (round(x), round(y)), 3, (160, 80, 0), -1, cv2.LINE_AA)
-    return image
-
-
 def write_pictures(folder: Path, calibration: Calibration, views: Sequence[BoardView]) -> None:
     """Write ``coverage.png`` into a folder, which is made if need be; raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    written, data = cv2.imencode(".png", coverage_picture(calibration, views))
-    if not written:
-        raise OSError("coverage.png could not be encoded")
-    (folder / "coverage.png").write_bytes(data.tobytes())
+    (folder / "coverage.png").write_bytes(coverage_png(calibration, views))
 
 
 def calibration_text(calibration: Calibration, details: bool = True) -> str:

@@ -8,12 +8,14 @@ still, before and all the while. A drone known by its serial number alone is sea
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from dataclasses import replace
 
 from server.doctor.config import DoctorConfig, LiveConfig
 from server.doctor.ears import Ears, ask, move_ports
 from server.doctor.network import console_of
+from server.mission.board_views import GatherConfig, gather_views
 from server.stages import Frame, Telemetry
 from server.swarm.config import DroneConfig, FleetConfig
 from server.swarm.ports import LinkError
@@ -22,6 +24,8 @@ from server.swarm.station import find_stations
 from server.swarm.video import VideoDecoder
 from server.vision.calibration_board import BoardFinder, BoardView
 from server.vision.calibration_views import Picked, ViewPicker
+
+_FRAME_WAIT_S = 1.0
 
 
 class LiveViewsError(Exception):
@@ -118,7 +122,6 @@ async def collect_views(
     """
     stream = _Stream(drone)
     async with Ears() as ears, VideoDecoder(drone.id, stream.take_frame) as decoder:
-        loop = asyncio.get_running_loop()
 
         def take_video(datagram: bytes, arrived_s: float) -> None:
             stream.video_s, stream.has_video = arrived_s, True
@@ -136,17 +139,14 @@ async def collect_views(
         was_on = stream.has_video
         awake = asyncio.create_task(_keep_awake(drone, stream, live, waits), name="keep awake")
         try:
-            ends_s = loop.time() + live.patience_s
-            while len(picker.views) < live.views and not stop.is_set() and loop.time() < ends_s:
-                stream.refuse_flight()
-                frame = await _next_frame(stream, stop)
-                if frame is None:
-                    continue
-                view = await asyncio.to_thread(finder.find, frame.image_bgr)
-                picked = picker.consider(view)
-                progress(picked)
-                if picked.view is not None:
-                    ends_s = loop.time() + live.patience_s
+            await gather_views(
+                lambda: _next_frame(stream),
+                finder,
+                picker,
+                GatherConfig(live.views, live.patience_s),
+                progress,
+                stop,
+            )
             if stream.newest is None:
                 raise LiveViewsError(f"no whole picture of {drone.id} came: see dronerf doctor")
         finally:
@@ -186,18 +186,12 @@ async def _keep_awake(
         await ask(drone, "command", tries=1, wait_s=waits.reply_s)
 
 
-async def _next_frame(stream: _Stream, stop: asyncio.Event) -> Frame | None:
-    """Return the next whole picture, None when none comes for a while or ``stop`` is set."""
-    waits = {
-        asyncio.create_task(stream.arrived.wait()),
-        asyncio.create_task(stop.wait()),
-    }
-    try:
-        await asyncio.wait(waits, timeout=1.0, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in waits:
-            task.cancel()
-    if not stream.arrived.is_set() or stop.is_set():
-        return None
-    stream.arrived.clear()
-    return stream.newest
+async def _next_frame(stream: _Stream) -> Frame | None:
+    """Return the next whole picture, None when none comes for a while."""
+    stream.refuse_flight()
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(_FRAME_WAIT_S):
+            await stream.arrived.wait()
+        stream.arrived.clear()
+        return stream.newest
+    return None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
+from server.mission.calibration_record import CalibrationControl
 from server.mission.checklist import Check
 from server.mission.events import (
     CaptureChanged,
@@ -174,6 +175,11 @@ class MissionControl(Protocol):
     """
 
     events: EventStream
+
+    @property
+    def calibrations(self) -> CalibrationControl:
+        """What may be asked of the calibrations of the cameras."""
+        ...
 
     def drones(self) -> list[DroneReported]:
         """Return the newest report of every drone, in fleet order."""

@@ -24,6 +24,7 @@ import cv2
 from server.jobs.local import LocalRunner
 from server.jobs.runner import JobRunner
 from server.mission import chronicle
+from server.mission.calibrations import Calibrations
 from server.mission.checklist import Check, check_console, check_disk, check_drone, problems
 from server.mission.commands import (
     MOST_PICTURES,
@@ -113,6 +114,7 @@ class Control:
 
     Attributes:
         events: Where all news goes.
+        calibrations: The cameras' calibrations.
     """
 
     def __init__(
@@ -125,6 +127,7 @@ class Control:
         make_eye: EyeMaker | None = None,
         runner: JobRunner | None = None,
         recording: RecordingConfig | None = None,
+        fleet_file: Path | None = None,
     ) -> None:
         """Build it.
 
@@ -136,8 +139,12 @@ class Control:
             make_eye: Makes a drone's eye; without it the drone's pictures are searched.
             runner: Starts background jobs; without it they are processes of this machine.
             recording: How captures are recorded; without it they are not.
+            fleet_file: The file that ``fleet`` was read from, None without one.
         """
         self.events = events
+        self.calibrations = Calibrations(
+            fleet.drones, lambda: bool(self.live()), events, fleet_file
+        )
         self._fleet = fleet
         self._runs = runs
         self._config = config
@@ -224,6 +231,7 @@ class Control:
             await asyncio.wait([self._mission_task], timeout=_ABORT_S)
 
     async def __aexit__(self, *_: object) -> None:
+        await self.calibrations.close()
         await self.end_capture()
         if self._recording_task is not None and not self._recording_task.done():
             await asyncio.wait([self._recording_task], timeout=self._recording_patience_s())
@@ -395,6 +403,7 @@ class Control:
                 barred = [c for c in self._no_go.checks() if c.drone_id in (None, drone_id)]
                 if barred:
                     raise RefusedError(f"{drone_id}: {barred[0].found}. {barred[0].remedy}")
+                self.calibrations.end_for("flight", f"{drone_id} takes off")
                 self._begin_unwatched()
                 self._pilot.place_at_start(drone_id)
                 self.events.publish(Noted("info", "Take-off ordered.", drone_id))
@@ -422,6 +431,7 @@ class Control:
         flying = [d for d, drone in self._fleet.drones.items() if drone.airborne]
         if flying:
             raise RefusedError(f"{', '.join(flying)} in the air; land first")
+        self.calibrations.end_for("capture", "a capture begins")
         run = RunFolder.create(self._runs, request.name)
         self._standing.clear()
         self._begin_unwatched()

@@ -99,6 +99,10 @@ class PictureSearch:
         """Say where the object is in the next picture, see ``Eye.point_out``."""
         self._tracker.point_out(xyxy_px)
 
+    def use(self, camera: Intrinsics) -> None:
+        """Take this for the camera from the next picture on."""
+        self._camera = camera
+
     def fits(self, frame: Frame) -> bool:
         """Return whether a picture is of the calibrated size."""
         return frame.size_px == (self._camera.width, self._camera.height)
@@ -177,12 +181,13 @@ class CameraEye:
         skipped: int,
     ) -> tuple[Sight, FrameAnnotated]:
         """Search and draw one picture; runs in a worker thread."""
+        config = self._drone.config
+        camera = config.intrinsics
+        self._search.use(camera)  # It may have been calibrated since.
         if pointing is not None:
             self._search.point_out(pointing.xyxy_px)
         sight = self._search.look(frame, expected)
         region, box = sight.region, sight.box
-        config = self._drone.config
-        camera = config.intrinsics
         turn_rad = marks = None
         if box is not None:
             turn_rad = yaw_error(box, camera, float(np.deg2rad(config.tilt_deg)))

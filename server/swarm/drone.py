@@ -17,7 +17,9 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
+from server.geometry.cameras import Intrinsics
 from server.stages import Frame, Setpoint, Telemetry
 from server.swarm.asking import Asking
 from server.swarm.config import DroneConfig, SafetyConfig, TimingConfig
@@ -269,6 +271,15 @@ class Drone:
         await self._connection.enter()
         await self._state_arrived.wait()
         _LOG.info("%s: connected at %s", self.config.id, self.config.address or "a found address")
+
+    def calibrate(self, intrinsics: Intrinsics) -> None:
+        """Take this for its camera from now on.
+
+        Raises:
+            DroneError: If it is in the air: pictures and poses of a flight are of one camera.
+        """
+        self._refuse_unless(not self.airborne, "in the air, its camera stays as it is")
+        self.config = replace(self.config, intrinsics=intrinsics)
 
     def set_video(self, on: bool) -> None:
         """Turn the video on or off; off keeps a drone that stands still from overheating."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -36,8 +37,30 @@ _TERMS = (
 _BELOW = {"k2": "k3", "k1": "k2"}
 
 
+Lack = Literal[
+    "few_views",
+    "one_sided",
+    "coverage",
+    "flat",
+    "disagree",
+    "contradict",
+    "uncertain",
+    "undetermined",
+    "sizes",
+]
+"""What keeps views from determining a camera, in a word for programs."""
+
+
 class CalibrationRefusedError(ValueError):
-    """The views do not determine the camera; the text says what is missing and what to do."""
+    """The views do not determine the camera; the text says what is missing and what to do.
+
+    Attributes:
+        lack: The same in a word.
+    """
+
+    def __init__(self, lack: Lack, text: str) -> None:
+        super().__init__(text)
+        self.lack: Lack = lack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +155,7 @@ def _fit(views: Sequence[BoardView], flags: int = 0) -> _Fit:
         )
     except cv2.error as error:
         raise CalibrationRefusedError(
-            "the views contradict each other: is the board flat and as described?"
+            "contradict", "the views contradict each other: is the board flat and as described?"
         ) from error
     fit = _Fit(
         np.asarray(K, float),
@@ -144,7 +167,9 @@ def _fit(views: Sequence[BoardView], flags: int = 0) -> _Fit:
         float(rms),
     )
     if not np.isfinite(fit.K).all() or not np.isfinite(fit.distortion).all():
-        raise CalibrationRefusedError("the views do not determine the camera: tilt the board more")
+        raise CalibrationRefusedError(
+            "undetermined", "the views do not determine the camera: tilt the board more"
+        )
     return fit
 
 
@@ -206,13 +231,13 @@ def _refuse_mixed_sizes(views: Sequence[BoardView]) -> None:
         sizes.setdefault((view.width, view.height), view.name)
     if len(sizes) > 1:
         seen = ", ".join(f"{w}x{h} ({name})" for (w, h), name in sizes.items())
-        raise CalibrationRefusedError(f"the pictures must all have one size, not {seen}")
+        raise CalibrationRefusedError("sizes", f"the pictures must all have one size, not {seen}")
 
 
 def _refuse_few(count: int, config: CalibrationConfig) -> None:
     if count < config.views_least:
         raise CalibrationRefusedError(
-            f"{count} good views are too few, {config.views_least} are needed"
+            "few_views", f"{count} good views are too few, {config.views_least} are needed"
         )
 
 
@@ -221,12 +246,14 @@ def _refuse_one_sided(coverage: NDArray[np.int64], config: CalibrationConfig) ->
     share = float((coverage > 0).mean())
     if missing:
         raise CalibrationRefusedError(
-            f"no view shows the board at the picture's {' and '.join(missing)}: hold it there, too"
+            "one_sided",
+            f"no view shows the board at the picture's {' and '.join(missing)}: hold it there, too",
         )
     if share < config.coverage_least:
         raise CalibrationRefusedError(
+            "coverage",
             f"the views cover {share:.0%} of the picture, {config.coverage_least:.0%} are needed:"
-            " hold the board nearer and into the corners"
+            " hold the board nearer and into the corners",
         )
 
 
@@ -235,20 +262,23 @@ def _refuse_flat(tilts_deg: Array, config: CalibrationConfig) -> None:
     for axis, count in zip(("left and right", "up and down"), tilted, strict=True):
         if count < config.tilted_least:
             raise CalibrationRefusedError(
+                "flat",
                 f"tilt the board more: {count} views are turned {axis} by"
-                f" {config.tilt_deg:g} degrees or more, {config.tilted_least} are needed"
+                f" {config.tilt_deg:g} degrees or more, {config.tilted_least} are needed",
             )
 
 
 def _refuse_uncertain(fit: _Fit, config: CalibrationConfig) -> None:
     if fit.rms_px > config.rms_px_most:
         raise CalibrationRefusedError(
+            "disagree",
             f"the views disagree by {fit.rms_px:.2f} pixels, {config.rms_px_most:g} is the most:"
-            " is the board flat, stiff and as described, are the pictures sharp?"
+            " is the board flat, stiff and as described, are the pictures sharp?",
         )
     deviation = float(fit.deviations[0] / fit.K[0, 0])
     if not deviation <= config.fx_sd_most:
         raise CalibrationRefusedError(
+            "uncertain",
             f"the focal length is uncertain by {deviation:.1%}, {config.fx_sd_most:.1%} is the"
-            " most: more views, nearer and tilted more"
+            " most: more views, nearer and tilted more",
         )

@@ -17,6 +17,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 DEFAULT_DICTIONARY = "5x5_100"
+# Fits an A4 sheet.
+DEFAULT_BOARD = "charuco:7x5:38:28"
 
 # Fewer corners than this on a ChArUco board fix neither its pose nor much of the camera.
 LEAST_CORNERS = 8

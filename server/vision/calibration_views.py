@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -22,7 +23,25 @@ Array = NDArray[np.float64]
 GRID = (8, 6)
 """Cells across and down by which coverage of the picture is counted."""
 
-_SIDES = {"left": (0, slice(0, 2)), "right": (0, slice(6, 8))} | {
+Side = Literal["left", "right", "top", "bottom"]
+Hint = Literal[
+    "show_board",
+    "hold_still",
+    "blurred",
+    "left",
+    "right",
+    "top",
+    "bottom",
+    "tilt_sideways",
+    "tilt_up_down",
+    "nearer",
+    "another",
+]
+"""What whoever holds the board shall do next; a side: show it at that side of the picture."""
+
+_SIDES: dict[Side, tuple[int, slice]] = {
+    "left": (0, slice(0, 2)),
+    "right": (0, slice(6, 8)),
     "top": (1, slice(0, 2)),
     "bottom": (1, slice(4, 6)),
 }
@@ -84,7 +103,7 @@ def coverage_of(views: Iterable[BoardView]) -> NDArray[np.int64]:
     return counts
 
 
-def missing_sides(coverage: NDArray[np.int64]) -> list[str]:
+def missing_sides(coverage: NDArray[np.int64]) -> list[Side]:
     """Return the sides of the picture, ``left`` to ``bottom``, without any corner."""
     return [
         side
@@ -111,7 +130,24 @@ class Picked:
     """
 
     view: BoardView | None
-    hint: str
+    hint: Hint
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PickProgress:
+    """How far a collection is.
+
+    Attributes:
+        views: Kept views, a number.
+        coverage: How many of their corners fell into each cell ``(6, 8)`` of the picture.
+        tilted: How many of them are tilted about the vertical and about the horizontal axis.
+        tilted_wanted: How many of either are wanted.
+    """
+
+    views: int
+    coverage: NDArray[np.int64]
+    tilted: tuple[int, int]
+    tilted_wanted: int
 
 
 class ViewPicker:
@@ -135,12 +171,12 @@ class ViewPicker:
         """Take what the next picture shows; keep it when it adds something."""
         before, self._before = self._before, view
         if view is None:
-            return Picked(None, "show the board")
+            return Picked(None, "show_board")
         if before is None or not self._still(before, view):
-            return Picked(None, "hold still")
+            return Picked(None, "hold_still")
         self._best_sharpness = max(self._best_sharpness, view.sharpness)
         if view.sharpness < self._config.sharp_share * self._best_sharpness:
-            return Picked(None, "hold still, blurred")
+            return Picked(None, "blurred")
         place = _place(view)
         if any(np.linalg.norm(place - other) < self._config.distinct for other in self._places):
             return Picked(None, self.wanted())
@@ -149,19 +185,31 @@ class ViewPicker:
         self._places.append(place)
         return Picked(view, self.wanted())
 
-    def wanted(self) -> str:
+    def progress(self) -> PickProgress:
+        """Return how far the collection is."""
+        tilts = np.abs([place[3:] for place in self._places]).reshape(-1, 2)
+        across, down = (tilts >= math.radians(self._config.tilt_deg)).sum(axis=0)
+        return PickProgress(
+            len(self.views),
+            coverage_of(self.views),
+            (int(across), int(down)),
+            2 * self._config.tilted_least,
+        )
+
+    def wanted(self) -> Hint:
         """Return what would add most now."""
-        missing = missing_sides(coverage_of(self.views))
+        now = self.progress()
+        missing = missing_sides(now.coverage)
         if missing:
-            return f"show it at the {missing[0]}"
-        tilts = np.abs([place[3:] for place in self._places])
-        tilted = (tilts >= math.radians(self._config.tilt_deg)).sum(axis=0)
-        for count, words in zip(tilted, ("left or right", "up or down"), strict=True):
-            if count < 2 * self._config.tilted_least:
-                return f"tilt it {words}"
-        if float((coverage_of(self.views) > 0).mean()) < self._config.coverage_least:
-            return "nearer, into the corners"
-        return "another place or tilt"
+            return missing[0]
+        across, down = now.tilted
+        if across < now.tilted_wanted:
+            return "tilt_sideways"
+        if down < now.tilted_wanted:
+            return "tilt_up_down"
+        if float((now.coverage > 0).mean()) < self._config.coverage_least:
+            return "nearer"
+        return "another"
 
     def _still(self, before: BoardView, view: BoardView) -> bool:
         _, mine, other = np.intersect1d(view.ids, before.ids, return_indices=True)

@@ -12,10 +12,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from fake_camera import FakeCamera
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
 from server.geometry.poses import camera_pose
+from server.mission.board_views import GatherConfig
+from server.mission.calibrations import Calibrations
 from server.mission.checklist import Check
 from server.mission.commands import (
     Area,
@@ -256,6 +259,26 @@ class FakeMission:
     drawn: int = 0
     stops_told: list[tuple[str, str | None]] = field(default_factory=list)
     speechless: bool = False
+    cameras: dict[str, FakeCamera] = field(
+        default_factory=lambda: {drone_id: FakeCamera(drone_id) for drone_id in DRONES}
+    )
+    fleet_file: Path | None = None
+
+    def __post_init__(self) -> None:
+        self._calibrations: Calibrations | None = None
+
+    @property
+    def calibrations(self) -> Calibrations:
+        # Made when first asked for: tests say before whether there is a fleet file.
+        if self._calibrations is None:
+            gathering = GatherConfig(views=12, patience_s=60.0)
+            self._calibrations = Calibrations(
+                self.cameras, self._capture_runs, self.events, self.fleet_file, gathering
+            )
+        return self._calibrations
+
+    def _capture_runs(self) -> bool:
+        return any(record.status.state == "running" for record in self.records.values())
 
     def drones(self) -> list[DroneReported]:
         return [self.reports.get(drone_id) or drone_report(drone_id) for drone_id in DRONES]
@@ -356,7 +379,7 @@ class FakeMission:
         await self._perhaps_hang()
         if request.drones is not None and request.drones > len(DRONES):
             raise ValueError(f"drones must be 1 to {len(DRONES)}, not {request.drones}")
-        if any(record.status.state == "running" for record in self.records.values()):
+        if self._capture_runs():
             raise RefusedError("a capture is running")
         return self.keep(capture_changed(f"run-{len(self.records) + 1}"), request)
 
@@ -403,7 +426,16 @@ class FakeMission:
 
     def floor_plan(self) -> FloorPlan:
         places = tuple(
-            StartPlace(d, d.title(), COLOURS[d], f"192.0.2.{n}", "", *place)
+            StartPlace(
+                d,
+                d.title(),
+                COLOURS[d],
+                f"192.0.2.{n}",
+                "",
+                *place,
+                focal_px=self.cameras[d].config.intrinsics.fx,
+                calibrated=self.cameras[d].config.intrinsics != TELLO_INTRINSICS,
+            )
             for n, (d, place) in enumerate(zip(DRONES, _PLACES, strict=True), start=1)
         )
         return FloorPlan(1.8, 4.5, 3.0, places)

@@ -26,9 +26,9 @@ from server.doctor.board_sheet import SheetError, write_board
 from server.doctor.calibrate import CalibrateOptions, run_calibrate, views_of_pictures
 from server.doctor.calibration_report import coverage_map
 from server.doctor.config import DoctorConfig, LiveConfig
-from server.doctor.fleet_edit import write_intrinsics
 from server.doctor.network import Holder
 from server.geometry.cameras import TELLO_INTRINSICS, Intrinsics
+from server.store.fleet_edit import write_intrinsics
 from server.swarm.fleet_file import FleetFileError, load_fleet
 from server.vision.calibration_board import BoardFinder, parse_board
 

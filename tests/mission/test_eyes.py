@@ -7,7 +7,7 @@ import threading
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -79,6 +79,7 @@ class FakeTracker:
 class Watched:
     """An eye at work, and both ends of it."""
 
+    drone: Drone
     eye: CameraEye
     show: Callable[[Frame], None]
     tracker: FakeTracker
@@ -119,7 +120,7 @@ async def watching(
         await asyncio.sleep(0)
         try:
             async with asyncio.timeout(20.0):
-                yield Watched(eye, shows[0], tracker, news, running)
+                yield Watched(drone, eye, shows[0], tracker, news, running)
         finally:
             tracker.may_go_on.set()
             running.cancel()
@@ -193,6 +194,19 @@ async def test_a_picture_of_another_size_than_the_cameras_is_not_searched(
         assert watched.eye.sight is not None
         assert watched.eye.sight.box is None
     assert watched.tracker.told == []
+
+
+async def test_a_camera_calibrated_anew_is_used_from_the_next_picture_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with watching(monkeypatch) as watched:
+        watched.drone.calibrate(TELLO_INTRINSICS.scaled(1 / 3))
+        watched.show(frame(0))
+        assert "calibrated for 320x240" in (await watched.annotated()).note
+        watched.drone.calibrate(replace(CAMERA, fx=150.0))
+        watched.show(frame(1))
+        assert (await watched.annotated()).note == ""
+    assert watched.tracker.told == [1]
 
 
 async def test_what_is_pointed_out_reaches_the_search_once_before_the_next_picture(

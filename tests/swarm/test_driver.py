@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from virtual_air import AirLink, flying_drone, in_virtual_time, now_s, plain, setpoint, steer
 
+from server.geometry.cameras import TELLO_INTRINSICS
 from server.swarm.config import DroneConfig, SafetyConfig
 from server.swarm.drone import Drone, DroneError
 
@@ -119,6 +121,20 @@ def test_a_setpoint_dated_in_the_future_lives_no_longer() -> None:
             drone.set_setpoint(setpoint(forward=0.4), now_s() + 1e6)
             await asyncio.sleep(1.0)
             assert link.airframe.sticks == (0, 0, 0, 0)
+
+    in_virtual_time(story())
+
+
+def test_its_camera_changes_on_the_ground_only() -> None:
+    async def story() -> None:
+        camera = replace(TELLO_INTRINSICS, fx=900.0)
+        async with flying_drone(AirLink(), up=False) as drone:
+            drone.calibrate(camera)
+            assert drone.config.intrinsics == camera
+            await drone.take_off()
+            with pytest.raises(DroneError, match="in the air"):
+                drone.calibrate(TELLO_INTRINSICS)
+            assert drone.config.intrinsics == camera
 
     in_virtual_time(story())
 

@@ -73,23 +73,26 @@ function useNewScreen(screen: Screen, main: React.RefObject<HTMLElement | null>)
   }, [screen, main]);
 }
 
-/** Have pictures sent only while they can be seen. */
-function useVideoWhileSeen(shown: boolean): void {
+/** Have pictures sent only while they can be seen; `all`: of every drone there will be. */
+function useVideoWhileSeen(all: boolean): void {
   const operator = useOperator();
   const { tiles } = operator;
   const ids = useConsole((state) => [...state.drones.keys()].join("\n"));
   const outOfSight = useSyncExternalStore(tiles.subscribe, tiles.outOfSight);
+  const watched = useSyncExternalStore(tiles.subscribe, tiles.watched);
   useEffect(() => {
     const look = () => {
-      const all = ids === "" ? [] : ids.split("\n");
+      const known = ids === "" ? [] : ids.split("\n");
       // Before any drone is known the server's own default, all of them, is the right one.
-      if (document.hidden || !shown) operator.showVideo([]);
-      else if (all.length > 0) operator.showVideo(all.filter((id) => !outOfSight.has(id)));
+      if (all && known.length === 0 && !document.hidden) return;
+      // Asked of the hub: tiles have come since this was rendered.
+      const seen = (id: string) => tiles.watched().has(id) && !tiles.outOfSight().has(id);
+      operator.showVideo(document.hidden ? [] : known.filter(seen));
     };
     look();
     document.addEventListener("visibilitychange", look);
     return () => {
       document.removeEventListener("visibilitychange", look);
     };
-  }, [operator, ids, outOfSight, shown]);
+  }, [operator, tiles, ids, outOfSight, watched, all]);
 }

@@ -18,6 +18,7 @@ import "./styles/field.css";
 import "./styles/log.css";
 import "./styles/preflight.css";
 import "./styles/failsafe.css";
+import "./styles/calibration.css";
 
 const root = document.getElementById("root");
 if (root === null) throw new Error("index.html has no element #root");

@@ -21,4 +21,21 @@ describe("TileHub", () => {
     hub.setInSight("b", true);
     expect(changed).toHaveBeenCalledTimes(3);
   });
+
+  it("knows whose pictures are shown", () => {
+    const hub = new TileHub();
+    const changed = vi.fn();
+    hub.subscribe(changed);
+    const first = hub.attach("a", () => Promise.resolve());
+    const watched = hub.watched();
+    expect([...watched]).toEqual(["a"]);
+    expect(hub.watched()).toBe(watched);
+    const second = hub.attach("a", () => Promise.resolve());
+    // A tile that was replaced takes nothing away from the one in its place.
+    first();
+    expect([...hub.watched()]).toEqual(["a"]);
+    second();
+    expect([...hub.watched()]).toEqual([]);
+    expect(changed).toHaveBeenCalledTimes(3);
+  });
 });

@@ -11,12 +11,16 @@ export class TileHub {
   readonly #sinks = new Map<string, TileSink>();
   readonly #listeners = new Set<() => void>();
   #outOfSight: ReadonlySet<string> = new Set();
+  #watched: ReadonlySet<string> = new Set();
 
   /** Show `droneId`'s pictures through `sink`; returns the way back. */
   attach(droneId: string, sink: TileSink): () => void {
     this.#sinks.set(droneId, sink);
+    this.#noteWatched();
     return () => {
-      if (this.#sinks.get(droneId) === sink) this.#sinks.delete(droneId);
+      if (this.#sinks.get(droneId) !== sink) return;
+      this.#sinks.delete(droneId);
+      this.#noteWatched();
     };
   }
 
@@ -24,6 +28,9 @@ export class TileHub {
   async show(tile: Tile): Promise<void> {
     await this.#sinks.get(tile.header.drone_id)?.(tile);
   }
+
+  /** The drones whose pictures some tile shows; the same object until that changes. */
+  readonly watched = (): ReadonlySet<string> => this.#watched;
 
   /** The drones whose tile is scrolled out of sight; the same object until that changes. */
   readonly outOfSight = (): ReadonlySet<string> => this.#outOfSight;
@@ -35,10 +42,19 @@ export class TileHub {
     if (inSight) next.delete(droneId);
     else next.add(droneId);
     this.#outOfSight = next;
+    this.#tell();
+  }
+
+  #noteWatched(): void {
+    this.#watched = new Set(this.#sinks.keys());
+    this.#tell();
+  }
+
+  #tell(): void {
     for (const changed of this.#listeners) changed();
   }
 
-  /** Be told when a tile comes into sight or leaves it; returns the way back. */
+  /** Be told when a tile comes, goes, comes into sight or leaves it; returns the way back. */
   readonly subscribe = (changed: () => void): (() => void) => {
     this.#listeners.add(changed);
     return () => {

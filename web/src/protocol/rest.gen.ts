@@ -17,6 +17,59 @@ export interface Artifact {
   readonly url: string;
 }
 
+/** A camera as its views have it: pixels of ``width`` x ``height``, OpenCV's distortion. ``fx_sd`` is the standard deviation of ``fx``; ``mean_px`` and ``rms_px`` are the reprojection error; ``coverage`` is the share of the picture that kept views reach, ``tilts_deg`` how far they are tilted at most, sideways and up or down; ``terms_fixed`` are distortion terms that could not be told from zero. ``toml`` is the same as a piece of a fleet file. */
+export interface CalibratedCamera {
+  readonly width: number;
+  readonly height: number;
+  readonly fx: number;
+  readonly fy: number;
+  readonly cx: number;
+  readonly cy: number;
+  readonly fx_sd: number;
+  readonly distortion: readonly number[];
+  readonly terms_fixed: readonly string[];
+  readonly mean_px: number;
+  readonly rms_px: number;
+  readonly views_kept: number;
+  readonly views_dropped: number;
+  readonly coverage: number;
+  readonly tilts_deg: readonly [number, number];
+  readonly toml: string;
+}
+
+/** A result that the console uses since; ``file`` has it too, or ``problem`` says why not. ``backup`` is the file as it was before; all three are null or empty without a fleet file. */
+export interface CalibrationUse {
+  readonly file: string | null;
+  readonly backup: string | null;
+  readonly problem: string;
+}
+
+/** The newest calibration of a camera. ``coverage`` counts, row by row, the corners of kept views in each cell of the picture. ``tilted`` says how many views are tilted sideways and how many up or down, of ``tilted_wanted`` each. ``hint`` is what to do next, null while no picture comes. ``lack`` is what views of a refused one lack, ``ending`` why one ended without a result, ``reason`` either for people. ``file`` is the fleet file that a result would be written into. */
+export interface CalibrationView {
+  readonly drone_id: string;
+  readonly state: "idle" | "collecting" | "solving" | "solved" | "refused" | "ended";
+  readonly board: string;
+  readonly views: number;
+  readonly views_wanted: number;
+  readonly views_least: number;
+  readonly coverage: readonly (readonly number[])[];
+  readonly tilted: readonly [number, number];
+  readonly tilted_wanted: number;
+  readonly hint: "show_board" | "hold_still" | "blurred" | "left" | "right" | "top" | "bottom" | "tilt_sideways" | "tilt_up_down" | "nearer" | "another" | null;
+  readonly spent_s: number;
+  readonly lack: "few_views" | "one_sided" | "coverage" | "flat" | "disagree" | "contradict" | "uncertain" | "undetermined" | "sizes" | null;
+  readonly ending: "cancelled" | "capture" | "flight" | "offline" | "closed" | "failed" | null;
+  readonly reason: string;
+  readonly result: CalibratedCamera | null;
+  readonly applied: CalibrationUse | null;
+  readonly file: string | null;
+}
+
+/** How to begin; with ``go_on`` the views of the calibration before count, too. */
+export interface CalibrationWish {
+  readonly go_on?: boolean;
+}
+
 /** What to capture; every field may be left out. ``overrides`` names checklist items that shall not keep the capture on the ground, by key (``drone-2.level``) or for all drones by item (``level``), each with the reason why. */
 export interface CaptureSpec {
   readonly mode?: "optimized" | "standard";
@@ -384,6 +437,16 @@ export interface Routes {
   readonly "GET /drones": { readonly query: undefined; readonly body: undefined; readonly answer: readonly DroneReport[] };
   /** Return what the drones reported over the last quarter of an hour, every five seconds. */
   readonly "GET /drones/history": { readonly query: undefined; readonly body: undefined; readonly answer: readonly DroneReport[] };
+  /** Return the newest calibration of a drone's camera, ``idle`` before the first. */
+  readonly "GET /drones/{drone_id}/calibration": { readonly query: undefined; readonly body: undefined; readonly answer: CalibrationView };
+  /** Begin to collect views of the board from a drone that stands, or is held by hand. */
+  readonly "POST /drones/{drone_id}/calibration": { readonly query: undefined; readonly body: CalibrationWish | null; readonly answer: CalibrationView };
+  /** End it without a result; of one that is over, forget the result. */
+  readonly "DELETE /drones/{drone_id}/calibration": { readonly query: undefined; readonly body: undefined; readonly answer: CalibrationView };
+  /** Collect no more views and work the camera out. */
+  readonly "POST /drones/{drone_id}/calibration/finish": { readonly query: undefined; readonly body: undefined; readonly answer: CalibrationView };
+  /** Use the result from now on, and write it into the console's fleet file if it has one. */
+  readonly "POST /drones/{drone_id}/calibration/apply": { readonly query: undefined; readonly body: undefined; readonly answer: CalibrationView };
   /** Return the preflight checklist as it stands now, drone by drone, the console last. */
   readonly "GET /preflight": { readonly query: undefined; readonly body: undefined; readonly answer: readonly CheckView[] };
   /** Return the failsafe table, row by row. */

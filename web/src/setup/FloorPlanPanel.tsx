@@ -13,10 +13,11 @@ interface FloorPlanPanelProps {
   readonly plan: FloorPlan | null;
   readonly error: string | null;
   readonly checks: readonly Check[];
+  readonly onCalibrate: (droneId: string) => void;
 }
 
 /** Where to set each drone down, and facing where. */
-export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
+export function FloorPlanPanel({ plan, error, checks, onCalibrate }: FloorPlanPanelProps) {
   const text = words.setup;
   const volumes = useConsole((state) => state.noGo);
   return (
@@ -66,7 +67,7 @@ export function FloorPlanPanel({ plan, error, checks }: FloorPlanPanelProps) {
               ))}
             </tbody>
           </table>
-          <CalibrationTable places={plan.places} />
+          <CalibrationTable places={plan.places} onCalibrate={onCalibrate} />
         </>
       )}
     </Panel>

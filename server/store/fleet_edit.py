@@ -49,6 +49,14 @@ def write_intrinsics(path: Path, drone_id: str, intrinsics: Intrinsics, remark: 
         raise FleetFileError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
+def intrinsics_toml(drone_id: str, intrinsics: Intrinsics, remark: str) -> str:
+    """Return the ``[drones.intrinsics]`` of one drone as a piece of a fleet file."""
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"Goes behind the lines of {drone_id} in its [[drones]] table."))
+    heading = "[drones.intrinsics]\n"
+    return tomlkit.dumps(document) + heading + _table(intrinsics, remark, inline=False).as_string()
+
+
 def _table(intrinsics: Intrinsics, remark: str, inline: bool) -> Table:
     table = tomlkit.inline_table() if inline else tomlkit.table()
     if not inline:

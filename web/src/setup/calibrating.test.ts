@@ -1,0 +1,90 @@
+import { describe, expect, it } from "vitest";
+import type { CalibratedCamera, Calibration } from "../api/calibration";
+import { de } from "../text/de";
+import { en } from "../text/en";
+import {
+  canGoOn,
+  clockText,
+  coverageCells,
+  coverageShare,
+  fileName,
+  goesOn,
+  isGood,
+  wantsRest,
+} from "./calibrating";
+
+const IDLE: Calibration = {
+  drone_id: "drone-1",
+  state: "idle",
+  board: "charuco:7x5:38:28",
+  views: 0,
+  views_wanted: 25,
+  views_least: 10,
+  coverage: [
+    [0, 3],
+    [0, 0],
+  ],
+  tilted: [0, 0],
+  tilted_wanted: 4,
+  hint: null,
+  spent_s: 0,
+  lack: null,
+  ending: null,
+  reason: "",
+  result: null,
+  applied: null,
+  file: null,
+};
+
+describe("a calibration under way", () => {
+  it("covers cells of the picture, counted from its top left", () => {
+    expect(coverageCells(IDLE.coverage).filter((cell) => cell.covered)).toEqual([
+      { key: "0 1", column: 1, row: 0, covered: true },
+    ]);
+    expect(coverageShare(IDLE.coverage)).toBe(0.25);
+    expect(coverageShare([])).toBe(0);
+  });
+
+  it("tells its time in minutes", () => {
+    expect([0, 9.9, 60, 605].map(clockText)).toEqual(["0:00", "0:09", "1:00", "10:05"]);
+  });
+
+  it("lets a drone rest after three minutes", () => {
+    const collecting: Calibration = { ...IDLE, state: "collecting", spent_s: 200 };
+    expect(wantsRest(collecting)).toBe(true);
+    expect(wantsRest({ ...collecting, spent_s: 100 })).toBe(false);
+    expect(wantsRest({ ...collecting, state: "solved" })).toBe(false);
+  });
+
+  it("can be gone on with once it is over and has views", () => {
+    const refused: Calibration = { ...IDLE, state: "refused", views: 4 };
+    expect(goesOn(refused)).toBe(false);
+    expect(canGoOn(refused)).toBe(true);
+    expect(canGoOn({ ...refused, views: 0 })).toBe(false);
+    expect(canGoOn({ ...refused, state: "collecting" })).toBe(false);
+    expect(goesOn({ ...refused, state: "solving" })).toBe(true);
+  });
+});
+
+describe("a calibrated camera", () => {
+  it("is good below half a pixel", () => {
+    const camera = { mean_px: 0.31 } as CalibratedCamera;
+    expect(isGood(camera)).toBe(true);
+    expect(isGood({ ...camera, mean_px: 0.8 })).toBe(false);
+  });
+
+  it("goes into a file that is known by its name", () => {
+    expect(["/etc/dronerf/fleet.toml", "C:\\us\\fleet.toml", "fleet.toml"].map(fileName)).toEqual(
+      Array(3).fill("fleet.toml"),
+    );
+  });
+});
+
+describe("the words of a calibration", () => {
+  it("have three steps and say what to do about whatever is lacking", () => {
+    for (const { calibrating } of [en.setup, de.setup]) {
+      expect(calibrating.steps).toHaveLength(3);
+      for (const lack of Object.values(calibrating.lack)) expect(lack).toMatch(/\. .+\.$/);
+    }
+  });
+});
