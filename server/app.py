@@ -31,8 +31,8 @@ from server.api.serving import uvicorn_config
 from server.api.sessions import Sessions
 from server.api.web import make_web
 from server.jobs.book import JobBook
+from server.jobs.compile_ahead import compile_ahead
 from server.jobs.local import LocalRunner
-from server.jobs.planner_warm_up import planner_warm_up
 from server.jobs.ray_runner import RayRunner
 from server.jobs.runner import JobRunner
 from server.mission.control import Control
@@ -292,7 +292,7 @@ async def flying(
             f" the fence has a radius of {settings.safety.fence_radius_m:g} m"
         )
     async with AsyncExitStack() as stack:
-        await stack.enter_async_context(planner_warm_up())
+        await stack.enter_async_context(compile_ahead())
         try:
             fleet = await stack.enter_async_context(Fleet(fleet_config, settings.safety))
         except LinkError as error:

@@ -7,7 +7,8 @@ with the poses and masks believed then: the same worker follows them (``played``
 
 ``first_preview_s`` counts from the fourth picture to the first preview of the field.
 ``psnr_90_s`` counts from the last picture until held-out pictures, small, are shown with 90 % of
-the PSNR in dB they have at the training's end; ``refine_s`` of them are the poses' refinement.
+the PSNR in dB they have at the training's end, ``train_end_psnr_db``; ``landing_s`` of them passed
+until refinement began, ``refine_s`` with it.
 """
 
 from __future__ import annotations
@@ -42,8 +43,6 @@ QUICK_SCENES = ("robot_dog",)
 _PICTURES, _FIRST = 24, 4
 _TRAIN_S = 60.0
 _FLIGHT_AND_TRAINING_S = 900.0
-# When the worker of a capture starts, drones are some seconds from their first places.
-_AHEAD_S = 8.0
 _SHARE = 0.9
 _EVENTS = Path("jobs", "reconstruct", EVENTS)
 
@@ -66,7 +65,7 @@ def _measure(scene: str, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="dronerf-live-") as name:
         folder = Path(name)
         flown, kept, landing_s = asyncio.run(_fly(scene, seed, folder))
-        played = asyncio.run(_play(kept, folder / "played", seed, landing_s))
+        played = asyncio.run(_play(kept, folder / "played", seed, _ahead_s(flown), landing_s))
         return {"beside_simulator": live_figures(flown), "played": live_figures(played)}
 
 
@@ -100,8 +99,23 @@ async def _until_training(news: Subscription) -> None:
                 raise RuntimeError(f"the capture {event.state}: {event.error}")
 
 
-async def _play(kept: Path, root: Path, seed: int, landing_s: float) -> Path:
-    """Lay the pictures of a flight into a new run as they came; return it when trained."""
+def _ahead_s(run: Path) -> float:
+    """Return how long before its first picture a flight's worker was started."""
+    of_day_s = time.time() - time.monotonic()
+    started_s = (run / _EVENTS).with_name("spec.json").stat().st_mtime
+    return read_pictures(run)[0].at_s + of_day_s - started_s
+
+
+async def _play(kept: Path, root: Path, seed: int, ahead_s: float, landing_s: float) -> Path:
+    """Lay the pictures of a flight into a new run as they came; return it when trained.
+
+    Args:
+        kept: The flight's run when it had landed.
+        root: Where the new run goes.
+        seed: Of the training.
+        ahead_s: How long before the first picture the worker starts.
+        landing_s: How long after the last picture the flight is over.
+    """
     run = RunFolder.create(root, "played")
     run.write_state({"complete": False})
     pictures = read_pictures(kept)
@@ -113,7 +127,7 @@ async def _play(kept: Path, root: Path, seed: int, landing_s: float) -> Path:
     job = await LocalRunner().submit(spec, run.path / "jobs" / "reconstruct")
     telling = asyncio.create_task(_heard(job.events()))
     try:
-        zero_s = time.monotonic() + _AHEAD_S - pictures[0].at_s
+        zero_s = time.monotonic() + ahead_s - pictures[0].at_s
         for picture in pictures:
             await asyncio.sleep(zero_s + picture.at_s - time.monotonic())
             _lay(kept, run, replace(picture, at_s=zero_s + picture.at_s))
@@ -144,7 +158,7 @@ def live_figures(run: Path) -> dict[str, float]:
     """Return the figures of a run that was trained beside its flight, on this machine.
 
     Raises:
-        RuntimeError: If its worker showed no preview or never reached 90 % of its PSNR.
+        RuntimeError: If its worker told too little.
     """
     # Pictures go by the machine's clock since its start, a worker's news by the time of day.
     of_day_s = time.time() - time.monotonic()

@@ -133,6 +133,7 @@ class Calibrating:
         self._sequence = -1
         self._stop = asyncio.Event()
         self._task: asyncio.Task[None] | None = None
+        self._turned_on = False
 
     @property
     def spent_s(self) -> float:
@@ -148,6 +149,9 @@ class Calibrating:
 
     def begin(self) -> None:
         """Begin; it ends by itself."""
+        if not self._drone.video_wanted:
+            self._drone.set_video(True)
+            self._turned_on = True
         name = f"calibration of {self._drone.config.id}"
         self._task = asyncio.create_task(self._run(), name=name)
 
@@ -160,6 +164,8 @@ class Calibrating:
         if self.over or self._task is None:
             return
         self._note_end(EndedError(ending, reason))
+        # At once: whoever flies this drone next finds its video off, and turns it on.
+        self._give_video_back()
         self._task.cancel()
 
     async def ended(self) -> None:
@@ -168,13 +174,10 @@ class Calibrating:
             await asyncio.gather(self._task, return_exceptions=True)
 
     async def _run(self) -> None:
-        was_off = not self._drone.video_wanted
         threads = ThreadPoolExecutor(
             1, thread_name_prefix="calibration", initializer=cv2.setNumThreads, initargs=(1,)
         )
         try:
-            if was_off:
-                self._drone.set_video(True)
             await self._work(threads)
         except EndedError as error:
             self._note_end(error)
@@ -188,9 +191,7 @@ class Calibrating:
         finally:
             self._note_over()
             threads.shutdown(wait=False, cancel_futures=True)
-            # Video that a capture or a flight wants by now is not ours to turn off.
-            if was_off and self.ending not in ("capture", "flight"):
-                self._drone.set_video(False)
+            self._give_video_back()
 
     async def _work(self, threads: ThreadPoolExecutor) -> None:
         await gather_views(
@@ -236,6 +237,12 @@ class Calibrating:
         )
         toml = intrinsics_toml(self._drone.config.id, found.intrinsics, remark)
         return CalibrationResult(found, remark, toml, coverage_png(found, views))
+
+    def _give_video_back(self) -> None:
+        """Turn the video off again if it was; never in the air."""
+        if self._turned_on and not self._drone.airborne:
+            self._drone.set_video(False)
+        self._turned_on = False
 
     def _note_end(self, error: EndedError) -> None:
         self.state, self.ending, self.reason = "ended", error.ending, str(error)

@@ -124,7 +124,7 @@ class Calibrations:
         before = self._newest.get(drone_id) if go_on else None
         picker, config, spent_s = ViewPicker(), self._gathering, 0.0
         if before is not None:
-            picker, spent_s = before.picker, before.spent_s
+            picker, spent_s = before.picker.continued(), before.spent_s
             views = max(config.views, len(picker.views) + _MORE_VIEWS)
             config = replace(config, views=views)
         refuse = functools.partial(self._refuse, drone)
@@ -183,8 +183,12 @@ class Calibrations:
                 applied = Applied(problem=str(error))
         if self._newest.get(drone_id) is newest:
             self._applied[drone_id] = applied
-        where = "" if applied.file is None else f" and written into {applied.file.name}"
-        self._tell("info", f"Its calibrated camera is in use{where}.", drone_id)
+        if applied.problem:
+            text = f"Its calibrated camera is in use until the console ends: {applied.problem}."
+            self._tell("warning", text, drone_id)
+        else:
+            where = "" if applied.file is None else f" and written into {applied.file.name}"
+            self._tell("info", f"Its calibrated camera is in use{where}.", drone_id)
         return self.record(drone_id)
 
     def sheet(self, form: SheetForm) -> bytes:

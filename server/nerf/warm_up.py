@@ -1,7 +1,8 @@
 """Loads the training's compiled code ahead of its first pictures.
 
-Reading it from numba's cache takes seconds, compiling it anew a minute: better while drones fly to
-their first places than between their first pictures and the first preview.
+Reading it from numba's cache takes seconds, compiling it anew half a minute: better before there
+are drones in the air, or while they fly to their first places, than between their first pictures
+and the first preview.
 """
 
 from __future__ import annotations

@@ -185,6 +185,15 @@ class ViewPicker:
         self._places.append(place)
         return Picked(view, self.wanted())
 
+    def continued(self) -> ViewPicker:
+        """Return one that begins with the same views; what still goes on with this is its own."""
+        picker = ViewPicker(self._config)
+        # A view comes before its place, should a thread be about to add one.
+        picker._places = list(self._places)
+        picker.views = self.views[: len(picker._places)]
+        picker._best_sharpness = self._best_sharpness
+        return picker
+
     def progress(self) -> PickProgress:
         """Return how far the collection is."""
         tilts = np.abs([place[3:] for place in self._places]).reshape(-1, 2)

@@ -23,7 +23,7 @@ from server.mission.calibration_record import CalibrationRecord
 from server.mission.calibrations import Calibrations
 from server.mission.commands import RefusedError, UnknownError
 from server.mission.control import Control
-from server.mission.events import EventStream
+from server.mission.events import EventStream, Noted
 from server.swarm.fleet import Fleet
 from server.swarm.fleet_file import load_fleet
 from server.vision.calibration_board import BoardFinder
@@ -145,7 +145,11 @@ async def test_a_file_that_cannot_be_written_is_told(
     desk = bench.desk(file)
     desk.start("drone-1")
     await until(desk, lambda r: r.state == "solved")
-    used = await desk.apply("drone-1")
+    with bench.events.subscribe(8) as news:
+        used = await desk.apply("drone-1")
+        told = await anext(aiter(news))
+    assert isinstance(told, Noted)
+    assert (told.level, "until the console ends: " in told.text) == ("warning", True)
     assert used.applied is not None
     assert "there is no drone 'drone-1'" in used.applied.problem
     assert used.applied.file is None
@@ -237,15 +241,32 @@ async def test_video_that_was_off_is_on_only_meanwhile() -> None:
     camera.video_wanted = False
     desk = bench.desk()
     desk.start("drone-1")
-    await until(desk, lambda r: camera.videos == [True])
-    desk.cancel("drone-1")
-    await until(desk, lambda r: camera.videos == [True, False])
-    # A capture that begins meanwhile wants it on: it is not turned off behind its back.
-    desk.start("drone-1")
-    await until(desk, lambda r: camera.videos == [True, False, True])
-    desk.end_for("capture", "a capture begins")
+    assert camera.videos == [True]
+    # Also for a capture that may well fly without it; whoever is to fly gets it back on.
+    for end in (lambda: desk.cancel("drone-1"), lambda: desk.end_for("capture", "it begins")):
+        end()
+        assert not camera.video_wanted
+        await asyncio.sleep(0.02)
+        assert not camera.video_wanted
+        desk.start("drone-1")
     await desk.close()
-    assert camera.videos == [True, False, True]
+    assert camera.videos == [True, False] * 3
+
+
+async def test_no_calibration_takes_the_pictures_of_a_drone_that_rises() -> None:
+    bench = Bench()
+    camera = bench.cameras["drone-1"]
+    camera.video_wanted = False
+    desk = bench.desk()
+    desk.start("drone-1")
+    await asyncio.sleep(0.02)
+    desk.cancel("drone-1")
+    # The take-off comes in the same breath, before the calibration has tidied up.
+    camera.set_video(True)
+    camera.activity, camera.airborne = "taking_off", True
+    await asyncio.sleep(0.02)
+    await desk.close()
+    assert camera.video_wanted
 
 
 async def test_nothing_new_for_long_ends_it() -> None:

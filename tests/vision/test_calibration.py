@@ -247,6 +247,22 @@ def test_the_picker_wants_still_sharp_and_new_views() -> None:
     assert [view.name for view in picker.views] == ["view 1", "view 2"]
 
 
+def test_a_picker_goes_on_alone_with_the_views_of_another() -> None:
+    picker = ViewPicker()
+    here = seen(CAMERA, *placer(CAMERA).aimed((0.4, 0.4), 0.5, (10.0, 5.0, 0.0)))
+    there = seen(CAMERA, *placer(CAMERA).aimed((0.6, 0.6), 0.4, (-20.0, 25.0, 0.0)))
+    for _ in range(2):
+        picker.consider(here)
+    further = picker.continued()
+    for _ in range(2):
+        picker.consider(there)
+        assert further.consider(here).view is None, "it has that one"
+    assert (len(picker.views), len(further.views)) == (2, 1)
+    for _ in range(2):
+        further.consider(there)
+    assert [view.name for view in further.views] == ["view 1", "view 2"]
+
+
 @given(st.lists(st.tuples(st.floats(-0.5, 959.49), st.floats(-0.5, 719.49)), max_size=40))
 def test_coverage_counts_every_corner_once(pixels: list[tuple[float, float]]) -> None:
     array = np.array(pixels, float).reshape(-1, 2)

@@ -1,13 +1,15 @@
-"""Compiles the planner before the first plan is due: ``python -m server.jobs.planner_warm_up``.
+"""Compiles ahead what a mission needs: ``python -m server.jobs.compile_ahead``.
 
 numba compiles on first use and keeps the machine code on disk. On a machine that has just been
-installed that may take longer than a mission waits for its plan; so whoever flies has a small plan
-made at the start, which nobody looks at.
+installed that may take longer than a mission waits for its plan, and than its first pictures take
+to come; so whoever flies has a small plan made and a small field trained at the start, which nobody
+looks at.
 """
 
 from __future__ import annotations
 
 import asyncio
+import importlib
 import logging
 import os
 import sys
@@ -31,10 +33,10 @@ logger = logging.getLogger(__name__)
 
 
 @asynccontextmanager
-async def planner_warm_up() -> AsyncIterator[asyncio.subprocess.Process | None]:
+async def compile_ahead() -> AsyncIterator[asyncio.subprocess.Process | None]:
     """Compile in a process of its own beside what the caller does; it is ended on the way out.
 
-    Nothing is lost when it fails or is cut short: the first plan compiles what is missing. Yields
+    Nothing is lost when it fails or is cut short: who needs it compiles what is missing. Yields
     None where no process can be had.
     """
     try:
@@ -43,7 +45,7 @@ async def planner_warm_up() -> AsyncIterator[asyncio.subprocess.Process | None]:
             # A file of the folder we stand in must never shadow a module.
             "-P",
             "-m",
-            "server.jobs.planner_warm_up",
+            "server.jobs.compile_ahead",
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.DEVNULL,
@@ -51,7 +53,7 @@ async def planner_warm_up() -> AsyncIterator[asyncio.subprocess.Process | None]:
             process_group=0,
         )
     except OSError as error:
-        logger.warning("the planner is not compiled ahead: %s", error)
+        logger.warning("nothing is compiled ahead: %s", error)
         yield None
         return
     try:
@@ -60,11 +62,11 @@ async def planner_warm_up() -> AsyncIterator[asyncio.subprocess.Process | None]:
         if process.returncode is None:
             process.kill()
         if await process.wait() > 0:
-            logger.warning("the planner could not be compiled ahead")
+            logger.warning("what a mission needs could not be compiled ahead")
 
 
 def main() -> None:
-    """Make a plan of two pictures for each of two drones around a box."""
+    """Plan two pictures for each of two drones around a box, then train a field for a moment."""
     os.nice(_NICENESS)
     box = Box3(np.array([-0.3, -0.2, 0.0]), np.array([0.3, 0.2, 0.5]))
     places = {"1": (np.array([2.0, 0.0, 1.0]), np.pi), "2": (np.array([-2.0, 0.0, 1.0]), 0.0)}
@@ -78,6 +80,8 @@ def main() -> None:
     # A few moves compile as much as many do.
     config = replace(PlannerConfig(), annealing=AnnealingConfig(swaps=30, prove=False))
     plan_mission(seed, TELLO_INTRINSICS, TELLO_TILT_RAD, poses, 2, config, seed_value=0)
+    # By name: who starts this process must not load torch.
+    importlib.import_module("server.nerf.warm_up").warm_up(threads=1)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
-"""The planner is compiled before the first plan is due, and wholly."""
+"""Planner and training are compiled before a mission needs them, and wholly."""
 
+import asyncio
 import json
 import signal
 import sys
@@ -9,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from server.geometry.cameras import TELLO_INTRINSICS
+from server.jobs.compile_ahead import compile_ahead
 from server.jobs.local import LocalRunner
 from server.jobs.plan import PlanInput
-from server.jobs.planner_warm_up import planner_warm_up
 from server.jobs.spec import JobSpec
 from server.planner.config import PlannerConfig
+from tests.nerf.tiny_scene import write_tiny_scene
 
 CORNERS = ([-0.2, -0.4, 0.0], [0.2, 0.4, 0.9])
 
@@ -44,28 +46,52 @@ def compiled(folder: Path) -> set[str]:
     return {file.name for file in folder.rglob("*.nb?")}
 
 
+async def train_beside_a_flight(scene: Path, folder: Path) -> None:
+    """Train and render as a worker does while pictures come in."""
+    program = """
+import sys
+from pathlib import Path
+from server.nerf.config import FieldConfig, TrainConfig
+from server.nerf.dataset import load_dataset
+from server.nerf.preview import render_preview
+from server.nerf.training import Trainer
+trainer = Trainer(
+    load_dataset(Path(sys.argv[1])), FieldConfig(), TrainConfig(), held_out=[], threads=1
+)
+trainer.run(steps=40)
+render_preview(trainer, 0.3)
+"""
+    write_tiny_scene(scene, 4)
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-P", "-c", program, str(scene), cwd=folder
+    )
+    assert await process.wait() == 0
+
+
 @pytest.mark.slow
-async def test_a_real_plan_finds_all_it_needs_compiled(
+async def test_a_real_plan_and_a_real_training_find_all_they_need_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernels = tmp_path / "kernels"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
-    async with planner_warm_up() as process:
+    async with compile_ahead() as process:
         assert process is not None
         assert await process.wait() == 0
     ready = compiled(kernels)
     assert ready
     await plan_everything(tmp_path / "job")
     assert compiled(kernels) == ready
+    await train_beside_a_flight(tmp_path / "scene", tmp_path)
+    assert compiled(kernels) == ready
 
 
 async def test_it_is_ended_with_whoever_started_it() -> None:
-    async with planner_warm_up() as process:
+    async with compile_ahead() as process:
         assert process is not None
     assert process.returncode == -signal.SIGKILL
 
 
 async def test_without_a_process_everything_else_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
-    async with planner_warm_up() as process:
+    async with compile_ahead() as process:
         assert process is None
