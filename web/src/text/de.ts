@@ -784,7 +784,8 @@ export const de: Catalogue = {
       ending: {
         cancelled: "Abgebrochen. Nichts wurde geändert.",
         capture: "Beendet, weil eine Aufnahme die Drohnen braucht. Nichts wurde geändert.",
-        flight: "Beendet, weil eine Drohne in der Luft ist. Lande sie und beginn noch einmal.",
+        flight:
+          "Beendet, weil ein Start befohlen wurde oder eine Drohne nicht bereitsteht. Beginn noch einmal, wenn alle am Boden sind.",
         offline: "Beendet, weil die Drohne nicht antwortet. Ist sie an und verbunden?",
         closed: "Mit der Konsole beendet. Nichts wurde geändert.",
         failed: "Es ist gescheitert; das Protokoll der Konsole sagt, warum. Beginn neu.",

@@ -786,7 +786,8 @@ export const en = {
       ending: {
         cancelled: "Cancelled. Nothing was changed.",
         capture: "Ended, because a capture needs the drones. Nothing was changed.",
-        flight: "Ended, because a drone is in the air. Land it and begin again.",
+        flight:
+          "Ended, because a take-off was ordered or a drone does not stand ready. Begin again once all are on the ground.",
         offline: "Ended, because the drone does not answer. Is it on and connected?",
         closed: "Ended with the console. Nothing was changed.",
         failed: "It failed; the console's log says why. Begin anew.",
