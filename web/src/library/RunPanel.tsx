@@ -13,7 +13,7 @@ import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
 import { GoOnButton } from "../retrain/GoOnButton";
-import { TrainingForm } from "../retrain/TrainingForm";
+import { TrainAnewSection } from "../retrain/TrainAnewSection";
 import { useTrainings } from "../retrain/useTrainings";
 import { KnownLength } from "../scale/KnownLength";
 import { canGoOn, isActiveState } from "../state/state";
@@ -62,11 +62,7 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
           <FieldList entry={entry} files={files ?? []} trainings={anew} marks={marks} onChanged={trainings.again} />
         )}
         {!isActiveState(entry.state) && entry.images > 0 && (
-          <section className="retrain" aria-label={words.retrain.title}>
-            <h3>{words.retrain.title}</h3>
-            <p className="hint">{words.retrain.hint}</p>
-            <TrainingForm captureId={entry.id} onStarted={trainings.again} />
-          </section>
+          <TrainAnewSection captureId={entry.id} onStarted={trainings.again} />
         )}
         {entry.state === "succeeded" && entry.images > 1 && (
           <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />

@@ -9,12 +9,13 @@ import {
 } from "../api/calibration";
 import type { StartPlace } from "../api/setup";
 import { useConsole } from "../context";
+import { clock } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { TilePicture, useLiveTile } from "../fly/TilePicture";
 import type { DroneReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import { canGoOn, clockText, coverageShare, goesOn, wantsRest } from "./calibrating";
+import { canGoOn, coverageShare, goesOn, wantsRest } from "./calibrating";
 import { CalibrationResult } from "./CalibrationResult";
 import { CoverageGrid } from "./CoverageGrid";
 import { useCalibration, type CalibrationDesk } from "./useCalibration";
@@ -157,7 +158,7 @@ function Course({ calibration }: { readonly calibration: Calibration }) {
             </div>
             <div>
               <dt>{text.spent}</dt>
-              <dd>{clockText(calibration.spent_s)}</dd>
+              <dd>{clock(calibration.spent_s)}</dd>
             </div>
           </dl>
           <CoverageGrid coverage={calibration.coverage} />

@@ -4,7 +4,6 @@ import { de } from "../text/de";
 import { en } from "../text/en";
 import {
   canGoOn,
-  clockText,
   coverageCells,
   coverageShare,
   fileName,
@@ -44,10 +43,6 @@ describe("a calibration under way", () => {
     ]);
     expect(coverageShare(IDLE.coverage)).toBe(0.25);
     expect(coverageShare([])).toBe(0);
-  });
-
-  it("tells its time in minutes", () => {
-    expect([0, 9.9, 60, 605].map(clockText)).toEqual(["0:00", "0:09", "1:00", "10:05"]);
   });
 
   it("lets a drone rest after three minutes", () => {

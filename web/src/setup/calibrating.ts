@@ -33,12 +33,6 @@ export function coverageShare(coverage: Calibration["coverage"]): number {
   return cells.length === 0 ? 0 : cells.filter((cell) => cell.covered).length / cells.length;
 }
 
-/** A time as minutes and seconds. */
-export function clockText(seconds: number): string {
-  const whole = Math.max(0, Math.floor(seconds));
-  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
-}
-
 /** True when the drone has streamed so long on the ground that it should rest. */
 export function wantsRest(calibration: Calibration): boolean {
   return calibration.state === "collecting" && calibration.spent_s >= REST_S;

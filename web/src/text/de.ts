@@ -270,7 +270,6 @@ export const de: Catalogue = {
   mission: {
     title: "Mission",
     idle: "Bereit für eine Aufnahme",
-    noCapture: "Noch keine Aufnahme",
     state: {
       queued: "Wartet",
       running: "Läuft",
@@ -405,7 +404,6 @@ export const de: Catalogue = {
   },
   field: {
     title: "Feld",
-    left: (time) => `noch ${time}`,
     preview: "Neueste Ansicht des Feldes",
     turnHow: "Ziehen oder Pfeiltasten drehen; Rad, + und − gehen näher",
     orbit: "Umkreisen",
@@ -651,7 +649,7 @@ export const de: Catalogue = {
     title: "Neu trainieren",
     hint: "Mit denselben Bildern und Posen, in einen eigenen Ordner; das Feld dieser Aufnahme bleibt. Trainings warten aufeinander.",
     seconds: "Training, s",
-    seed: "Startwert",
+    seed: "Startzahl",
     objectOnly: "Nur das Objekt, vor Weiß",
     start: "Trainieren",
     cancel: "Abbrechen",
@@ -661,7 +659,7 @@ export const de: Catalogue = {
     since: (time) => `vor ${time} verlangt`,
     cancelling: "Das Training wird gebeten zu enden…",
     secondsBounds: (least, most) => `Training: ${least} bis ${most} Sekunden.`,
-    seedBounds: (most) => `Startwert: eine ganze Zahl von 0 bis ${most}.`,
+    seedBounds: (most) => `Startzahl: eine ganze Zahl von 0 bis ${most}.`,
     state: {
       queued: "Wartet",
       running: "Trainiert",
@@ -672,7 +670,7 @@ export const de: Catalogue = {
     },
     trained: (when) => `Neu trainiert, ${when}`,
     lasting: (seconds) => `${seconds} s`,
-    seeded: (seed) => `Startwert ${seed}`,
+    seeded: (seed) => `Startzahl ${seed}`,
     failed: (reason) => `Kein Training begonnen: ${reason}`,
     cancelFailed: (reason) => `Das Training wurde nicht abgebrochen: ${reason}`,
   },

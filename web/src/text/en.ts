@@ -267,7 +267,6 @@ export const en = {
   mission: {
     title: "Mission",
     idle: "Ready for a capture",
-    noCapture: "No capture yet",
     state: {
       queued: "Queued",
       running: "Running",
@@ -407,7 +406,6 @@ export const en = {
   },
   field: {
     title: "Field",
-    left: (time: string) => `${time} left`,
     preview: "Newest rendering of the field",
     turnHow: "Drag, or use the arrow keys, to turn it; wheel, + and − to come nearer",
     orbit: "Orbit",
