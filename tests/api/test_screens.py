@@ -380,6 +380,31 @@ async def test_fields_trained_anew_are_compared_and_deleted(
         await page.close()
 
 
+async def test_what_is_marked_is_named_and_taken_back(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        for day, psnr_db in ((1, 22.5), (2, 30.0)):
+            keep_training(console, f"2026050{day}-120000-train-run-1", psnr_db=psnr_db)
+        page = await browser.new_page(viewport={"width": 360, "height": 800})
+        await open_screen(console, page, "library")
+        await page.goto(f"{console.http}/#/library/run-1")
+        for day in (1, 2):
+            await page.get_by_test_id(f"mark-field-2026050{day}-120000-train-run-1").check()
+        # Nothing of what is marked is in sight there, and nothing else can be marked.
+        await page.goto(f"{console.http}/#/library/run-2")
+        await expect(page.get_by_test_id("run")).to_have_attribute("data-run", "run-2")
+        await expect(page.get_by_test_id("mark-run-2")).to_be_disabled()
+        bar = page.locator(".compare-bar")
+        await expect(bar.get_by_role("link", name="20260502-120000")).to_have_attribute(
+            "href", "#/library/run-1"
+        )
+        assert await page.evaluate("document.documentElement.scrollWidth") <= 360
+        await page.get_by_test_id("compare-clear").click()
+        await expect(bar).to_have_text("Mark two captures or fields to compare them.")
+        await expect(page.get_by_test_id("mark-run-2")).to_be_enabled()
+        await page.close()
+
+
 async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: Browser) -> None:
     async with serve(tmp_path, dist=WEB / "dist") as console:
         furnish(console)

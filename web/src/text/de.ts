@@ -590,6 +590,7 @@ export const de: Catalogue = {
     ownField: "Im Flug trainiert",
     anew: (name, when) => `${name}, neu trainiert ${when}`,
     fieldGone: "Eines der beiden Felder gibt es nicht mehr.",
+    clear: "Marken löschen",
     mark: "Vergleichen",
     compare: "Beide vergleichen",
     compareTitle: "Vergleich",

@@ -594,6 +594,7 @@ export const en = {
     ownField: "Trained in flight",
     anew: (name: string, when: string) => `${name}, trained anew ${when}`,
     fieldGone: "One of the two fields is no longer there.",
+    clear: "Clear the marks",
     mark: "Compare",
     compare: "Compare them",
     compareTitle: "Comparison",
