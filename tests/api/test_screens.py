@@ -25,7 +25,7 @@ from fake_mission import (
     plan_found,
     seed_fitted,
 )
-from playwright.async_api import Browser, Page, Route, expect
+from playwright.async_api import Browser, Locator, Page, Route, expect
 from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
@@ -446,6 +446,51 @@ async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: B
         re.compile(r"\d s, (next attempt in [1-5] s|trying now)")
     )
     await page.close()
+
+
+async def test_whatever_was_asked_for_says_so(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        field = keep_training(console, "20260501-120000-train-run-1", psnr_db=22.5)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        answered = asyncio.Event()
+
+        async def slowly(route: Route) -> None:
+            await answered.wait()
+            await route.continue_()
+
+        def said(place: str, what: str = "Asking the console") -> Locator:
+            return page.locator(place).get_by_test_id("waiting").filter(has_text=what)
+
+        for asked in ("captures/*/trainings*", "reconstructions", "drones/drone-1/calibration"):
+            await page.route(f"**/{asked}", slowly)
+        await page.goto(f"{console.http}/#/library/run-1,run-1~{field.name}")
+        await expect(said(".compare")).to_be_visible()
+        answered.set()
+        await expect(page.get_by_test_id("comparison")).to_be_visible()
+
+        await page.goto(f"{console.http}/#/library/run-1")
+        await expect(page.locator(".field-card")).to_have_count(2)
+        answered.clear()
+        await page.get_by_test_id("train-anew").click()
+        await expect(said(".retrain", "The training is being started")).to_be_visible()
+        answered.set()
+        await expect(said(".retrain", "The training is being started")).to_have_count(0)
+
+        answered.clear()
+        await page.goto(f"{console.http}/#/setup")
+        await page.get_by_test_id("calibrate-drone-1").click()
+        await expect(said(".calibrating")).to_be_visible()
+        answered.set()
+        start = page.get_by_test_id("calibration-start")
+        await expect(start).to_be_enabled()
+        answered.clear()
+        await start.click()
+        await expect(said(".calibrating")).to_be_visible()
+        answered.set()
+        await expect(said(".calibrating")).to_have_count(0)
+        await page.close()
 
 
 async def test_a_known_length_sets_the_scale_of_a_capture(tmp_path: Path, browser: Browser) -> None:

@@ -12,6 +12,7 @@ import { useConsole } from "../context";
 import { clock } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { TilePicture, useLiveTile } from "../fly/TilePicture";
 import type { DroneReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
@@ -62,6 +63,7 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
       }
     >
       <div ref={top} className="calibrating-body" tabIndex={-1} data-testid="calibrating" data-state={calibration?.state}>
+        {calibration === null && error === null && <Asking />}
         {error !== null && <p className="field-error">{text.stale(error)}</p>}
         {idle && how}
         {!idle && picture}
@@ -86,6 +88,7 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
               </p>
             )}
             <Buttons calibration={calibration} desk={desk} />
+            {desk.asking && <Asking />}
           </>
         )}
         {idle ? picture : how}
