@@ -260,6 +260,7 @@ async def test_captures_are_looked_at_compared_and_deleted(
         assert (await waiting.value).suggested_filename == "capture.json"
         delete = page.get_by_test_id("delete-capture")
         await delete.click()
+        await expect(delete).to_have_text("Delete for good?")
         assert (console.mission.runs / "run-2").is_dir()
         await delete.click()
         await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
@@ -405,6 +406,48 @@ async def test_what_is_marked_is_named_and_taken_back(tmp_path: Path, browser: B
         await page.close()
 
 
+async def test_a_deletion_tells_of_all_that_goes_with_it(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        lists = "**/captures/run-1/trainings*"
+        answered = asyncio.Event()
+
+        async def slowly(route: Route) -> None:
+            await answered.wait()
+            await route.continue_()
+
+        await page.route(lists, slowly)
+        await page.goto(f"{console.http}/#/library/run-1")
+        delete = page.get_by_test_id("delete-capture")
+        await expect(page.get_by_test_id("waiting")).to_have_text(
+            re.compile(r"^Asking the console… 0:0\d$")
+        )
+        await expect(delete).to_be_disabled()
+        answered.set()
+        await expect(delete).to_be_enabled()
+        # Somebody else's, since that answer.
+        keep_training(console, "20260501-120000-train-run-1", psnr_db=22.5)
+        answered.clear()
+        await delete.click()
+        await expect(delete).to_have_text("Asking the console…")
+        await delete.click()
+        assert (console.mission.runs / "run-1").is_dir()
+        answered.set()
+        await expect(delete).to_have_text("Delete for good, with 1 field trained anew?")
+        # The question fades; the next one is not answered at all.
+        await expect(delete).to_have_text("Delete", timeout=10_000)
+        await page.unroute(lists)
+        await page.route(lists, lambda route: route.abort())
+        await delete.click()
+        await expect(delete).to_be_disabled()
+        await page.unroute(lists)
+        await page.get_by_role("button", name="Ask again").click()
+        await expect(delete).to_be_enabled()
+        await page.close()
+
+
 async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: Browser) -> None:
     async with serve(tmp_path, dist=WEB / "dist") as console:
         furnish(console)
@@ -434,6 +477,7 @@ async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: B
         await page.goto(f"{console.http}/#/library/run-2")
         delete = page.get_by_test_id("delete-capture")
         await delete.click()
+        await expect(delete).to_have_text("Delete for good?")
         await delete.click()
         await expect(waiting).to_have_text(
             re.compile(r"^Deleting \d+ files… 0:0[2-9], at most 5:00$")

@@ -55,10 +55,17 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
           </section>
         )}
         <RunFacts entry={entry} />
-        {files === null && asking && <Asking />}
+        {((files === null && asking) || (trainings.value === null && trainings.asking)) && <Asking />}
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
-        {trainings.error !== null && <p className="field-error">{text.failed(trainings.error)}</p>}
+        {trainings.error !== null && (
+          <p className="field-error">
+            {text.failed(trainings.error)}{" "}
+            <button type="button" className="button button-small" onClick={trainings.again}>
+              {text.again}
+            </button>
+          </p>
+        )}
         {(entry.metrics !== null || anew.length > 0) && (
           <FieldList entry={entry} files={files ?? []} trainings={anew} marks={marks} onChanged={trainings.again} />
         )}
@@ -75,7 +82,10 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"
-              disabled={deleting}
+              // The question says how many fields go with it: known at all, and asked for anew.
+              disabled={deleting || trainings.value === null || trainings.error !== null}
+              onPress={trainings.again}
+              ready={!trainings.asking}
               label={
                 <>
                   <Icon name="trash" />
