@@ -25,7 +25,7 @@ from fake_mission import (
     plan_found,
     seed_fitted,
 )
-from playwright.async_api import Browser, Page, Route, expect
+from playwright.async_api import Browser, Locator, Page, Route, expect
 from served_console import TOKEN, Console, runner_of, serve, until
 
 from server.geometry.cameras import TELLO_INTRINSICS as LENS
@@ -260,6 +260,7 @@ async def test_captures_are_looked_at_compared_and_deleted(
         assert (await waiting.value).suggested_filename == "capture.json"
         delete = page.get_by_test_id("delete-capture")
         await delete.click()
+        await expect(delete).to_have_text("Delete for good?")
         assert (console.mission.runs / "run-2").is_dir()
         await delete.click()
         await expect(page.get_by_test_id("capture-run-2")).to_have_count(0)
@@ -380,6 +381,73 @@ async def test_fields_trained_anew_are_compared_and_deleted(
         await page.close()
 
 
+async def test_what_is_marked_is_named_and_taken_back(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        for day, psnr_db in ((1, 22.5), (2, 30.0)):
+            keep_training(console, f"2026050{day}-120000-train-run-1", psnr_db=psnr_db)
+        page = await browser.new_page(viewport={"width": 360, "height": 800})
+        await open_screen(console, page, "library")
+        await page.goto(f"{console.http}/#/library/run-1")
+        for day in (1, 2):
+            await page.get_by_test_id(f"mark-field-2026050{day}-120000-train-run-1").check()
+        # Nothing of what is marked is in sight there, and nothing else can be marked.
+        await page.goto(f"{console.http}/#/library/run-2")
+        await expect(page.get_by_test_id("run")).to_have_attribute("data-run", "run-2")
+        await expect(page.get_by_test_id("mark-run-2")).to_be_disabled()
+        bar = page.locator(".compare-bar")
+        await expect(bar.get_by_role("link", name="20260502-120000")).to_have_attribute(
+            "href", "#/library/run-1"
+        )
+        assert await page.evaluate("document.documentElement.scrollWidth") <= 360
+        await page.get_by_test_id("compare-clear").click()
+        await expect(bar).to_have_text("Mark two captures or fields to compare them.")
+        await expect(page.get_by_test_id("mark-run-2")).to_be_enabled()
+        await page.close()
+
+
+async def test_a_deletion_tells_of_all_that_goes_with_it(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        lists = "**/captures/run-1/trainings*"
+        answered = asyncio.Event()
+
+        async def slowly(route: Route) -> None:
+            await answered.wait()
+            await route.continue_()
+
+        await page.route(lists, slowly)
+        await page.goto(f"{console.http}/#/library/run-1")
+        delete = page.get_by_test_id("delete-capture")
+        await expect(page.get_by_test_id("waiting")).to_have_text(
+            re.compile(r"^Asking the console… 0:0\d$")
+        )
+        await expect(delete).to_be_disabled()
+        answered.set()
+        await expect(delete).to_be_enabled()
+        # Somebody else's, since that answer.
+        keep_training(console, "20260501-120000-train-run-1", psnr_db=22.5)
+        answered.clear()
+        await delete.click()
+        await expect(delete).to_have_text("Asking the console…")
+        await delete.click()
+        assert (console.mission.runs / "run-1").is_dir()
+        answered.set()
+        await expect(delete).to_have_text("Delete for good, with 1 field trained anew?")
+        # The question fades; the next one is not answered at all.
+        await expect(delete).to_have_text("Delete", timeout=10_000)
+        await page.unroute(lists)
+        await page.route(lists, lambda route: route.abort())
+        await delete.click()
+        await expect(delete).to_be_disabled()
+        await page.unroute(lists)
+        await page.get_by_role("button", name="Ask again").click()
+        await expect(delete).to_be_enabled()
+        await page.close()
+
+
 async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: Browser) -> None:
     async with serve(tmp_path, dist=WEB / "dist") as console:
         furnish(console)
@@ -409,6 +477,7 @@ async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: B
         await page.goto(f"{console.http}/#/library/run-2")
         delete = page.get_by_test_id("delete-capture")
         await delete.click()
+        await expect(delete).to_have_text("Delete for good?")
         await delete.click()
         await expect(waiting).to_have_text(
             re.compile(r"^Deleting \d+ files… 0:0[2-9], at most 5:00$")
@@ -421,6 +490,51 @@ async def test_what_takes_long_says_what_and_how_long(tmp_path: Path, browser: B
         re.compile(r"\d s, (next attempt in [1-5] s|trying now)")
     )
     await page.close()
+
+
+async def test_whatever_was_asked_for_says_so(tmp_path: Path, browser: Browser) -> None:
+    async with serve(tmp_path, dist=WEB / "dist") as console:
+        furnish(console)
+        field = keep_training(console, "20260501-120000-train-run-1", psnr_db=22.5)
+        page = await browser.new_page()
+        await open_screen(console, page, "library")
+        answered = asyncio.Event()
+
+        async def slowly(route: Route) -> None:
+            await answered.wait()
+            await route.continue_()
+
+        def said(place: str, what: str = "Asking the console") -> Locator:
+            return page.locator(place).get_by_test_id("waiting").filter(has_text=what)
+
+        for asked in ("captures/*/trainings*", "reconstructions", "drones/drone-1/calibration"):
+            await page.route(f"**/{asked}", slowly)
+        await page.goto(f"{console.http}/#/library/run-1,run-1~{field.name}")
+        await expect(said(".compare")).to_be_visible()
+        answered.set()
+        await expect(page.get_by_test_id("comparison")).to_be_visible()
+
+        await page.goto(f"{console.http}/#/library/run-1")
+        await expect(page.locator(".field-card")).to_have_count(2)
+        answered.clear()
+        await page.get_by_test_id("train-anew").click()
+        await expect(said(".retrain", "The training is being started")).to_be_visible()
+        answered.set()
+        await expect(said(".retrain", "The training is being started")).to_have_count(0)
+
+        answered.clear()
+        await page.goto(f"{console.http}/#/setup")
+        await page.get_by_test_id("calibrate-drone-1").click()
+        await expect(said(".calibrating")).to_be_visible()
+        answered.set()
+        start = page.get_by_test_id("calibration-start")
+        await expect(start).to_be_enabled()
+        answered.clear()
+        await start.click()
+        await expect(said(".calibrating")).to_be_visible()
+        answered.set()
+        await expect(said(".calibrating")).to_have_count(0)
+        await page.close()
 
 
 async def test_a_known_length_sets_the_scale_of_a_capture(tmp_path: Path, browser: Browser) -> None:

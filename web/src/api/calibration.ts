@@ -4,17 +4,8 @@ import { call } from "./call";
 
 /** The newest calibration of a drone's camera. */
 export type Calibration = CalibrationView;
-export type CalibrationState = Calibration["state"];
-/** What whoever holds the board shall do next; a side: show it at that side of the picture. */
-export type CalibrationHint = NonNullable<Calibration["hint"]>;
-/** What the views of a refused calibration lack. */
-export type CalibrationLack = NonNullable<Calibration["lack"]>;
-/** Why a calibration ended without a result. */
-export type CalibrationEnding = NonNullable<Calibration["ending"]>;
 /** A camera as its views have it. */
 export type CalibratedCamera = NonNullable<Calibration["result"]>;
-/** A result that the console uses since; `problem` says why it is not in the fleet file. */
-export type CalibrationUse = NonNullable<Calibration["applied"]>;
 
 /** @throws RequestError when it is not answered. */
 export async function getCalibration(droneId: string): Promise<Calibration> {

@@ -1,4 +1,5 @@
 import { useEffect, useState, type ReactNode } from "react";
+import { words } from "../text/words";
 
 interface ConfirmButtonProps {
   readonly className?: string;
@@ -7,6 +8,10 @@ interface ConfirmButtonProps {
   readonly testId?: string;
   readonly label: ReactNode;
   readonly confirm: ReactNode;
+  /** Ask for what the question has to say, at the first press. */
+  readonly onPress?: () => void;
+  /** False while that is not there yet: the question waits for it. */
+  readonly ready?: boolean;
   readonly onConfirm: () => void;
 }
 
@@ -14,34 +19,42 @@ interface ConfirmButtonProps {
 const PATIENCE_MS = 3000;
 
 /** A button that acts on the second press: the first one asks, and the question fades by itself. */
-export function ConfirmButton(props: ConfirmButtonProps) {
-  const [asking, setAsking] = useState(false);
+export function ConfirmButton({ disabled = false, ready = true, ...props }: ConfirmButtonProps) {
+  const [stage, setStage] = useState<"calm" | "pressed" | "asking">("calm");
+  // Once it is asked it stays asked: what is told meanwhile changes its words alone.
+  if (stage === "pressed" && ready) setStage("asking");
   useEffect(() => {
-    if (!asking) return;
+    if (stage !== "asking") return;
     const timer = setTimeout(() => {
-      setAsking(false);
+      setStage("calm");
     }, PATIENCE_MS);
     return () => {
       clearTimeout(timer);
     };
-  }, [asking]);
+  }, [stage]);
   const press = () => {
-    setAsking(!asking);
-    if (asking) props.onConfirm();
+    if (stage === "calm") {
+      setStage("pressed");
+      props.onPress?.();
+    } else if (stage === "asking") {
+      setStage("calm");
+      props.onConfirm();
+    }
   };
+  const asking = stage === "asking" && !disabled;
   return (
     <button
       type="button"
       className={`button ${props.className ?? ""} ${asking ? "is-asking" : ""}`}
-      disabled={props.disabled}
+      disabled={disabled}
       title={props.title}
       data-testid={props.testId}
       onClick={press}
       onBlur={() => {
-        setAsking(false);
+        setStage("calm");
       }}
     >
-      {asking ? props.confirm : props.label}
+      {asking ? props.confirm : stage === "pressed" ? words.waiting.console : props.label}
     </button>
   );
 }

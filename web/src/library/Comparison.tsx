@@ -2,6 +2,7 @@ import type { CaptureEntry } from "../api/library";
 import { getTrainings } from "../api/trainings";
 import { useAnswer } from "../api/useAnswer";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { ComparePanel } from "./ComparePanel";
@@ -16,13 +17,14 @@ interface ComparisonProps {
 
 /** Finds the two fields of an address and lays them side by side. */
 export function Comparison({ keys, captures }: ComparisonProps) {
-  const { value: fields, error } = useAnswer(keys.join(), () => Promise.all(keys.map((key) => find(key, captures))));
+  const { value: fields, error, asking } = useAnswer(keys.join(), () => Promise.all(keys.map((key) => find(key, captures))));
   const [a = null, b = null] = fields ?? [];
   if (a !== null && b !== null) return <ComparePanel a={a} b={b} />;
   const { library: text } = words;
   const back = hashOfScreen("library", readFieldKey(keys[0] ?? "").capture);
   return (
     <Panel title={text.compareTitle} className="compare" aside={<a href={back}>{text.back}</a>}>
+      {fields === null && asking && <Asking />}
       {error !== null && <p className="field-error">{text.failed(error)}</p>}
       {fields !== null && <p className="empty">{text.fieldGone}</p>}
     </Panel>

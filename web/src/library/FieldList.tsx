@@ -4,14 +4,8 @@ import { useAnswer } from "../api/useAnswer";
 import { FieldCard, settingWords, type Marking } from "../retrain/FieldCard";
 import { TrainedField } from "../retrain/TrainedField";
 import { words } from "../text/words";
-import { CompareBar } from "./CompareBar";
+import { CompareBar, type Marks } from "./CompareBar";
 import { fieldKey } from "./fieldKey";
-
-/** The fields marked for a comparison, by their keys, and how one is marked. */
-export interface Marks {
-  readonly keys: readonly string[];
-  readonly onMark: (key: string, mark: boolean) => void;
-}
 
 interface FieldListProps {
   readonly entry: CaptureEntry;
@@ -34,7 +28,7 @@ export function FieldList({ entry, files, trainings, marks, onChanged }: FieldLi
   return (
     <section className="run-fields" aria-label={text.fields}>
       <h3>{text.fields}</h3>
-      {trainings.length > 0 && <CompareBar pair={marks.keys} testId="compare-fields" />}
+      {trainings.length > 0 && <CompareBar marks={marks} testId="compare-fields" />}
       <ul className="fields">
         {entry.metrics !== null && (
           <OwnField entry={entry} files={files} marking={trainings.length > 0 ? marking(entry.id) : undefined} />

@@ -8,10 +8,10 @@ import { Asking } from "../design/Waiting";
 import { ReplayPanel } from "../replay/ReplayPanel";
 import { words } from "../text/words";
 import { CaptureCard } from "./CaptureCard";
-import { CompareBar } from "./CompareBar";
+import { CompareBar, type Marks } from "./CompareBar";
 import { Comparison } from "./Comparison";
 import { readFieldKey } from "./fieldKey";
-import type { Marks } from "./FieldList";
+import { markName } from "./run";
 import { REPLAY, RunPanel } from "./RunPanel";
 
 /** Captures of today and of before: look at one, or lay two side by side. */
@@ -33,6 +33,10 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
     onMark: (key: string, mark: boolean) => {
       setMarked(mark ? [...marks.keys, key] : marks.keys.filter((each) => each !== key));
     },
+    onClear: () => {
+      setMarked([]);
+    },
+    nameOf: (key: string) => markName(key, captures ?? []),
   };
   const text = words.library;
   return (
@@ -82,7 +86,7 @@ interface ListProps {
 function List({ captures, shown, marks }: ListProps) {
   return (
     <>
-      <CompareBar pair={marks.keys} testId="compare" />
+      <CompareBar marks={marks} testId="compare" />
       <ul className="captures" tabIndex={0} aria-label={words.library.title}>
         {captures.map((entry) => (
           <CaptureCard

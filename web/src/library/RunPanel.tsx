@@ -13,13 +13,14 @@ import { keptRenderings } from "../judge/heldOut";
 import { CaptureChip } from "../mission/CaptureStatus";
 import { hashOfScreen } from "../shell/screens";
 import { GoOnButton } from "../retrain/GoOnButton";
-import { TrainingForm } from "../retrain/TrainingForm";
+import { TrainAnewSection } from "../retrain/TrainAnewSection";
 import { useTrainings } from "../retrain/useTrainings";
 import { KnownLength } from "../scale/KnownLength";
 import { canGoOn, isActiveState } from "../state/state";
 import { words } from "../text/words";
 import { modeWord } from "./CaptureCard";
-import { FieldList, type Marks } from "./FieldList";
+import type { Marks } from "./CompareBar";
+import { FieldList } from "./FieldList";
 import { filesByFolder, flightSeconds } from "./run";
 import { RunFilm } from "./RunFilm";
 import { RunPicture } from "./RunPicture";
@@ -54,19 +55,22 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
           </section>
         )}
         <RunFacts entry={entry} />
-        {files === null && asking && <Asking />}
+        {((files === null && asking) || (trainings.value === null && trainings.asking)) && <Asking />}
         {error !== null && <p className="field-error">{text.failed(error)}</p>}
         {files !== null && <Replay files={files} entry={entry} />}
-        {trainings.error !== null && <p className="field-error">{text.failed(trainings.error)}</p>}
+        {trainings.error !== null && (
+          <p className="field-error">
+            {text.failed(trainings.error)}{" "}
+            <button type="button" className="button button-small" onClick={trainings.again}>
+              {text.again}
+            </button>
+          </p>
+        )}
         {(entry.metrics !== null || anew.length > 0) && (
           <FieldList entry={entry} files={files ?? []} trainings={anew} marks={marks} onChanged={trainings.again} />
         )}
         {!isActiveState(entry.state) && entry.images > 0 && (
-          <section className="retrain" aria-label={words.retrain.title}>
-            <h3>{words.retrain.title}</h3>
-            <p className="hint">{words.retrain.hint}</p>
-            <TrainingForm captureId={entry.id} onStarted={trainings.again} />
-          </section>
+          <TrainAnewSection captureId={entry.id} onStarted={trainings.again} />
         )}
         {entry.state === "succeeded" && entry.images > 1 && (
           <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />
@@ -78,7 +82,10 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
             <ConfirmButton
               className="button-danger"
               testId="delete-capture"
-              disabled={deleting}
+              // The question says how many fields go with it: known at all, and asked for anew.
+              disabled={deleting || trainings.value === null || trainings.error !== null}
+              onPress={trainings.again}
+              ready={!trainings.asking}
               label={
                 <>
                   <Icon name="trash" />

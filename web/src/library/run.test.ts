@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import type { CaptureEntry } from "../api/library";
 import type { Training } from "../api/trainings";
 import { fieldKey, readFieldKey } from "./fieldKey";
-import { differences, filesByFolder, flightSeconds, judgedAlike, winner, type Field } from "./run";
+import { differences, filesByFolder, flightSeconds, judgedAlike, markName, winner, type Field } from "./run";
 
 const metrics = (psnr: number | null, flip: number | null) => ({ psnr_db: psnr, psnr_db_object: psnr, flip });
 const entry = (psnr: number | null, flip: number | null, images = 24): Field => ({
@@ -37,6 +37,18 @@ describe("a run", () => {
     expect(flightSeconds({ fly: 60, land: 4.5, train: 100, grounded: 300 })).toBe(64.5);
     expect(flightSeconds({ train: 3 })).toBeNull();
     expect(flightSeconds(undefined)).toBeNull();
+  });
+});
+
+describe("a mark", () => {
+  it("is named by its capture, and its training where it is one", () => {
+    const captures = [{ id: "run-1", name: "bin" }, { id: "run-2", name: "" }] as CaptureEntry[];
+    expect(["run-1", "run-2", "run-3", "run-1~train-5"].map((key) => markName(key, captures))).toEqual([
+      "bin",
+      "run-2",
+      "run-3",
+      "bin, trained anew train-5",
+    ]);
   });
 });
 

@@ -2,6 +2,7 @@ import type { Artifact, CaptureEntry, CaptureFile, RunMetrics } from "../api/lib
 import type { Training } from "../api/trainings";
 import { moment } from "../design/format";
 import { words } from "../text/words";
+import { readFieldKey } from "./fieldKey";
 
 /** A field to compare: a capture's own, or one trained anew on its pictures. */
 export interface Field {
@@ -16,6 +17,14 @@ export interface Field {
 export function fieldName(entry: CaptureEntry, training: Training | null): string {
   const name = entry.name === "" ? entry.id : entry.name;
   return training === null ? name : words.library.anew(name, moment(training.created_at));
+}
+
+/** What a marked field is called where its training is not at hand: by the training's run folder. */
+export function markName(key: string, captures: readonly CaptureEntry[]): string {
+  const { capture, training } = readFieldKey(key);
+  const entry = captures.find(({ id }) => id === capture);
+  const name = entry === undefined ? capture : fieldName(entry, null);
+  return training === null ? name : words.library.anew(name, training);
 }
 
 function metricsOf({ entry, training }: Field): RunMetrics | null {

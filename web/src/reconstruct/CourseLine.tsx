@@ -14,7 +14,7 @@ export function CourseLine() {
     <div className="course" data-testid="course">
       <p>
         <strong>{phaseWord(capture, step)}</strong>
-        <span>{left === null ? "" : words.field.left(left)}</span>
+        <span>{left === null ? "" : words.waiting.left(left)}</span>
         <CaptureChip state={capture.state} />
       </p>
       <CaptureProgress capture={capture} />

@@ -1,17 +1,15 @@
+import { Asking } from "../design/Waiting";
 import { words } from "../text/words";
+import { TrainAnewSection } from "./TrainAnewSection";
 import { TrainedField } from "./TrainedField";
-import { TrainingForm } from "./TrainingForm";
 import { useTrainings } from "./useTrainings";
 
 /** Train anew on a capture's pictures, with other settings; the capture's own field stays. */
 export function TrainAnew({ captureId }: { readonly captureId: string }) {
-  const { value: trainings, error, again } = useTrainings(captureId);
-  const text = words.retrain;
+  const { value: trainings, error, asking, again } = useTrainings(captureId);
   return (
-    <section className="retrain" aria-label={text.title}>
-      <h3>{text.title}</h3>
-      <p className="hint">{text.hint}</p>
-      <TrainingForm captureId={captureId} onStarted={again} />
+    <TrainAnewSection captureId={captureId} onStarted={again}>
+      {trainings === null && asking && <Asking />}
       {error !== null && <p className="field-error">{words.library.failed(error)}</p>}
       {trainings !== null && trainings.length > 0 && (
         <ul className="fields">
@@ -20,6 +18,6 @@ export function TrainAnew({ captureId }: { readonly captureId: string }) {
           ))}
         </ul>
       )}
-    </section>
+    </TrainAnewSection>
   );
 }

@@ -3,6 +3,7 @@ import { useOperator } from "../context";
 import { CheckBox } from "../design/CheckBox";
 import { Icon } from "../design/Icon";
 import { NumberField } from "../design/NumberField";
+import { Waiting } from "../design/Waiting";
 import { words } from "../text/words";
 
 const LEAST_S = 1;
@@ -76,6 +77,7 @@ export function TrainingForm({ captureId, onStarted }: TrainingFormProps) {
         <Icon name="play" />
         {text.start}
       </button>
+      {asking && <Waiting quiet what={text.begins} />}
       {!secondsFit && <p className="field-error">{text.secondsBounds(LEAST_S, MOST_S)}</p>}
       {!seedFits && <p className="field-error">{text.seedBounds(MOST_SEED)}</p>}
     </form>

@@ -9,12 +9,14 @@ import {
 } from "../api/calibration";
 import type { StartPlace } from "../api/setup";
 import { useConsole } from "../context";
+import { clock } from "../design/format";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
+import { Asking } from "../design/Waiting";
 import { TilePicture, useLiveTile } from "../fly/TilePicture";
 import type { DroneReport } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import { canGoOn, clockText, coverageShare, goesOn, wantsRest } from "./calibrating";
+import { canGoOn, coverageShare, goesOn, wantsRest } from "./calibrating";
 import { CalibrationResult } from "./CalibrationResult";
 import { CoverageGrid } from "./CoverageGrid";
 import { useCalibration, type CalibrationDesk } from "./useCalibration";
@@ -61,6 +63,7 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
       }
     >
       <div ref={top} className="calibrating-body" tabIndex={-1} data-testid="calibrating" data-state={calibration?.state}>
+        {calibration === null && error === null && <Asking />}
         {error !== null && <p className="field-error">{text.stale(error)}</p>}
         {idle && how}
         {!idle && picture}
@@ -85,6 +88,7 @@ export function CalibrationPanel({ place, onClose, onUsed }: CalibrationPanelPro
               </p>
             )}
             <Buttons calibration={calibration} desk={desk} />
+            {desk.asking && <Asking />}
           </>
         )}
         {idle ? picture : how}
@@ -157,7 +161,7 @@ function Course({ calibration }: { readonly calibration: Calibration }) {
             </div>
             <div>
               <dt>{text.spent}</dt>
-              <dd>{clockText(calibration.spent_s)}</dd>
+              <dd>{clock(calibration.spent_s)}</dd>
             </div>
           </dl>
           <CoverageGrid coverage={calibration.coverage} />

@@ -1,7 +1,7 @@
 import { coverageUrl, type CalibratedCamera, type Calibration } from "../api/calibration";
 import { Icon } from "../design/Icon";
 import { words } from "../text/words";
-import { fileName, isGood } from "./calibrating";
+import { fileName, GOOD, missed } from "./calibrating";
 import { TomlSnippet } from "./TomlSnippet";
 
 interface CalibrationResultProps {
@@ -15,9 +15,11 @@ interface CalibrationResultProps {
 export function CalibrationResult({ calibration, camera, asking, onUse }: CalibrationResultProps) {
   const text = words.setup.calibrating;
   const { applied, file, drone_id: droneId } = calibration;
-  const good = isGood(camera);
+  const wants = missed(camera);
+  const good = wants.length === 0;
   const [sideways, upDown] = camera.tilts_deg;
   const facts = [
+    [text.error, `${camera.mean_px.toFixed(2)} px`],
     [text.focal, text.focalIs(camera.fx.toFixed(1), camera.fx_sd.toFixed(1))],
     [text.distortion, camera.distortion.map((term) => term.toFixed(4)).join("  ")],
     [text.kept, text.keptOf(camera.views_kept, camera.views_dropped)],
@@ -29,9 +31,8 @@ export function CalibrationResult({ calibration, camera, asking, onUse }: Calibr
     <section aria-label={text.result} data-testid="calibration-result">
       <dl className="calibration-facts">
         <div>
-          <dt>{text.error}</dt>
+          <dt>{text.result}</dt>
           <dd>
-            {camera.mean_px.toFixed(2)} px{" "}
             <span className={`chip chip-${good ? "good" : "busy"}`}>
               <Icon name={good ? "check" : "warning"} />
               {good ? text.good : text.poor}
@@ -45,6 +46,16 @@ export function CalibrationResult({ calibration, camera, asking, onUse }: Calibr
           </div>
         ))}
       </dl>
+      {!good && (
+        <>
+          <p className="hint">{text.better}</p>
+          <ul className="hint" data-testid="calibration-wants">
+            {wants.map((want) => (
+              <li key={want}>{text.wants[want](GOOD[want])}</li>
+            ))}
+          </ul>
+        </>
+      )}
       <figure className="coverage-picture">
         <img
           src={coverageUrl(droneId, `${camera.fx} ${camera.rms_px}`)}

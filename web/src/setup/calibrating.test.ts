@@ -4,12 +4,12 @@ import { de } from "../text/de";
 import { en } from "../text/en";
 import {
   canGoOn,
-  clockText,
   coverageCells,
   coverageShare,
   fileName,
   goesOn,
-  isGood,
+  GOOD,
+  missed,
   wantsRest,
 } from "./calibrating";
 
@@ -45,10 +45,6 @@ describe("a calibration under way", () => {
     expect(coverageShare([])).toBe(0);
   });
 
-  it("tells its time in minutes", () => {
-    expect([0, 9.9, 60, 605].map(clockText)).toEqual(["0:00", "0:09", "1:00", "10:05"]);
-  });
-
   it("lets a drone rest after three minutes", () => {
     const collecting: Calibration = { ...IDLE, state: "collecting", spent_s: 200 };
     expect(wantsRest(collecting)).toBe(true);
@@ -64,13 +60,54 @@ describe("a calibration under way", () => {
     expect(canGoOn({ ...refused, state: "collecting" })).toBe(false);
     expect(goesOn({ ...refused, state: "solving" })).toBe(true);
   });
+
+  it("is not gone on with where its views would be refused again", () => {
+    const refused: Calibration = { ...IDLE, state: "refused", views: 12 };
+    for (const lack of ["sizes", "contradict", "disagree"] as const) {
+      expect(canGoOn({ ...refused, lack }), lack).toBe(false);
+      for (const { calibrating } of [en.setup, de.setup]) expect(calibrating.lack[lack]).toMatch(/(Begin anew|Beginn neu)\.$/);
+    }
+    expect(canGoOn({ ...refused, lack: "flat" })).toBe(true);
+  });
 });
 
 describe("a calibrated camera", () => {
-  it("is good below half a pixel", () => {
-    const camera = { mean_px: 0.31 } as CalibratedCamera;
-    expect(isGood(camera)).toBe(true);
-    expect(isGood({ ...camera, mean_px: 0.8 })).toBe(false);
+  const camera: CalibratedCamera = {
+    width: 960,
+    height: 720,
+    fx: 920,
+    fy: 921,
+    cx: 480,
+    cy: 360,
+    fx_sd: 2,
+    distortion: [0, 0, 0, 0, 0],
+    terms_fixed: [],
+    mean_px: 0.31,
+    rms_px: 0.35,
+    views_kept: 23,
+    views_dropped: 2,
+    coverage: 0.92,
+    tilts_deg: [31, 28],
+    toml: "",
+  };
+
+  it("is good when nothing is missing that the manual wants", () => {
+    expect(missed(camera)).toEqual([]);
+  });
+
+  it.each([
+    ["views", { views_kept: 19 }],
+    ["error", { mean_px: 0.5 }],
+    ["focal", { fx_sd: 3 }],
+    ["coverage", { coverage: 0.8 }],
+    ["tilts", { tilts_deg: [31, 24] }],
+    ["tilts", { tilts_deg: [25, 31] }],
+    ["dropped", { views_dropped: 3 }],
+  ] as const)("says that it misses: %s", (want, change) => {
+    expect(missed({ ...camera, ...change })).toEqual([want]);
+    for (const { calibrating } of [en.setup, de.setup]) {
+      expect(calibrating.wants[want](GOOD[want])).toContain(String(GOOD[want]));
+    }
   });
 
   it("goes into a file that is known by its name", () => {

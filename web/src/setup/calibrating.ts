@@ -8,8 +8,11 @@ export interface CoverageCell {
   readonly covered: boolean;
 }
 
-/** From this error on a result is worse than video need be, pixels. */
-const GOOD_PX = 0.5;
+/** What the manual calls good: views, pixels, per cent of the focal length and of the picture, degrees, views. */
+export const GOOD = { views: 20, error: 0.5, focal: 0.3, coverage: 80, tilts: 25, dropped: 2 } as const;
+export type Want = keyof typeof GOOD;
+/** Refused for one of these, more views do not help: those that are there stay. */
+const LOST: readonly Calibration["lack"][] = ["sizes", "contradict", "disagree"];
 /** A drone that stands gets hot: from here on it wants a rest. */
 const REST_S = 180;
 
@@ -30,25 +33,28 @@ export function coverageShare(coverage: Calibration["coverage"]): number {
   return cells.length === 0 ? 0 : cells.filter((cell) => cell.covered).length / cells.length;
 }
 
-/** A time as minutes and seconds. */
-export function clockText(seconds: number): string {
-  const whole = Math.max(0, Math.floor(seconds));
-  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
-}
-
 /** True when the drone has streamed so long on the ground that it should rest. */
 export function wantsRest(calibration: Calibration): boolean {
   return calibration.state === "collecting" && calibration.spent_s >= REST_S;
 }
 
-/** True for a camera that is known as well as its video allows. */
-export function isGood(camera: CalibratedCamera): boolean {
-  return camera.mean_px <= GOOD_PX;
+/** What a camera misses to be known as well as its video allows. */
+export function missed(camera: CalibratedCamera): readonly Want[] {
+  const met: Readonly<Record<Want, boolean>> = {
+    views: camera.views_kept >= GOOD.views,
+    error: camera.mean_px < GOOD.error,
+    focal: 100 * camera.fx_sd <= GOOD.focal * camera.fx,
+    coverage: 100 * camera.coverage > GOOD.coverage,
+    tilts: Math.min(...camera.tilts_deg) > GOOD.tilts,
+    dropped: camera.views_dropped <= GOOD.dropped,
+  };
+  return (Object.keys(GOOD) as Want[]).filter((want) => !met[want]);
 }
 
 /** True when views that are there may be added to. */
 export function canGoOn(calibration: Calibration): boolean {
-  return !goesOn(calibration) && calibration.state !== "idle" && calibration.views > 0;
+  const { state, views, lack } = calibration;
+  return !goesOn(calibration) && state !== "idle" && views > 0 && !LOST.includes(lack);
 }
 
 /** The last part of a path, of whichever system. */

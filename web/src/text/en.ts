@@ -267,7 +267,6 @@ export const en = {
   mission: {
     title: "Mission",
     idle: "Ready for a capture",
-    noCapture: "No capture yet",
     state: {
       queued: "Queued",
       running: "Running",
@@ -407,7 +406,6 @@ export const en = {
   },
   field: {
     title: "Field",
-    left: (time: string) => `${time} left`,
     preview: "Newest rendering of the field",
     turnHow: "Drag, or use the arrow keys, to turn it; wheel, + and − to come nearer",
     orbit: "Orbit",
@@ -596,6 +594,7 @@ export const en = {
     ownField: "Trained in flight",
     anew: (name: string, when: string) => `${name}, trained anew ${when}`,
     fieldGone: "One of the two fields is no longer there.",
+    clear: "Clear the marks",
     mark: "Compare",
     compare: "Compare them",
     compareTitle: "Comparison",
@@ -786,14 +785,24 @@ export const en = {
       ending: {
         cancelled: "Cancelled. Nothing was changed.",
         capture: "Ended, because a capture needs the drones. Nothing was changed.",
-        flight: "Ended, because a drone is in the air. Land it and begin again.",
+        flight:
+          "Ended, because a take-off was ordered or a drone does not stand ready. Begin again once all are on the ground.",
         offline: "Ended, because the drone does not answer. Is it on and connected?",
         closed: "Ended with the console. Nothing was changed.",
         failed: "It failed; the console's log says why. Begin anew.",
       },
       result: "Result",
       good: "Good",
-      poor: "Usable; better is under 0.5 px",
+      poor: "Usable",
+      better: "What it would take to be good:",
+      wants: {
+        views: (least: number) => `${least} views used, or more`,
+        error: (most: number) => `a mean error under ${most} px`,
+        focal: (most: number) => `a focal length known to ${most} %`,
+        coverage: (least: number) => `more than ${least} % of the picture covered`,
+        tilts: (least: number) => `the board tilted by more than ${least}° both ways`,
+        dropped: (most: number) => `at most ${most} views left out`,
+      },
       error: "Reprojection error, mean",
       focal: "Focal length",
       focalIs: (px: string, sd: string) => `${px} ± ${sd} px`,
