@@ -141,9 +141,9 @@ async def test_refusals(console: Console) -> None:
         console.mission.keep(capture_changed("run-2", "running"))
         over = await until(client, lambda state: state["state"] == "ended")
         assert over["ending"] == "capture"
-    # Only the one that was begun had its video turned on; a capture that begins wants it on.
+    # Only the one that was begun had its video turned on, and off again in the end.
     videos = {drone_id: camera.videos for drone_id, camera in cameras.items() if camera.videos}
-    assert videos == {"drone-1": [True]}
+    assert videos == {"drone-1": [True, False]}
 
 
 async def test_a_browser_that_only_watches_starts_nothing(console: Console) -> None:
