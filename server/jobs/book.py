@@ -35,7 +35,6 @@ class JobRecord:
     Attributes:
         id: Begins with the time it was handed in, so ids sort by age.
         spec: What was handed in.
-        kind: Which program of the worker runs it.
         state: queued, running, succeeded, failed or cancelled.
         phase: What the worker is at, in its words; empty before it has told.
         progress: Share of that phase done, 0 to 1; 1 when the job has succeeded.
@@ -49,7 +48,6 @@ class JobRecord:
 
     id: str
     spec: JobSpec
-    kind: Kind
     state: JobState
     phase: str
     progress: float
@@ -59,6 +57,11 @@ class JobRecord:
     created_at: datetime
     updated_at: datetime
     result: dict[str, Any] | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """Which program of the worker runs it."""
+        return self.spec.kind
 
     @property
     def over(self) -> bool:
@@ -206,7 +209,7 @@ class JobBook:
         dataset = spec.parameters.get("dataset")
         capture = None if dataset is None else Path(dataset).name
         self._records[job_id] = JobRecord(
-            job_id, spec, spec.kind, "queued", "", 0.0, str(run), capture, None, now, now
+            job_id, spec, "queued", "", 0.0, str(run), capture, None, now, now
         )
         for old in [r.id for r in self._records.values() if r.over][:-_MOST_KEPT]:
             del self._records[old]
