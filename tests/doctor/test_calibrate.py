@@ -425,9 +425,12 @@ def test_any_camera_is_read_back(
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf"])
-async def test_the_board_can_be_printed(tmp_path: Path, ending: str) -> None:
+async def test_the_board_can_be_printed(
+    tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / f"board.{ending}"
     assert await calibrate(board_image=file) == 0
+    assert f"print {file} on A4 at actual size" in capsys.readouterr().err
     if ending == "pdf":
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", file.read_bytes())
         assert box is not None
