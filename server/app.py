@@ -35,6 +35,7 @@ from server.jobs.compile_ahead import compile_ahead
 from server.jobs.local import LocalRunner
 from server.jobs.ray_runner import RayRunner
 from server.jobs.runner import JobRunner
+from server.mission.busy_captures import BusyCaptures
 from server.mission.control import Control
 from server.mission.events import EventStream
 from server.mission.librarian import Librarian, at_work
@@ -363,12 +364,13 @@ async def console(
             stack.push_async_callback(_end, follow)
         except Exception:
             logger.exception("the 3D scene did not start; everything else works without it")
+        busy = BusyCaptures()
         librarian = Librarian(
             settings.runs,
             catalogue_text(settings),
             settings.retention,
             control.events,
-            lambda: control.live() | book.at_work(),
+            lambda: control.live() | book.at_work() | busy.ids(),
             control.forget,
         )
         await stack.enter_async_context(at_work(librarian))
@@ -377,7 +379,9 @@ async def console(
         sessions = Sessions(config.door.sessions, config.door.session_s, settings.session_file())
         ring = KeyRing(token, settings.token_registry())
         door = Door(ring, prefix=settings.path_prefix, sessions=sessions)
-        web = make_web(control, fleet, book, door, scene_port, _DIST, version("dronerf"), config)
+        web = make_web(
+            control, fleet, book, busy, door, scene_port, _DIST, version("dronerf"), config
+        )
         server = _Server(uvicorn_config(web, tls=settings.tls()))
         # Whoever reads the address may connect at once; until the server is up, that waits.
         sock.listen()

@@ -16,6 +16,7 @@ from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.api.translate import CaptureState
 from server.jobs.book import JobBook
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import (
     MOST_PICTURES,
     CaptureRecord,
@@ -25,6 +26,7 @@ from server.mission.commands import (
     RefusedError,
 )
 from server.mission.events import FieldView
+from server.store.deletion import StillTrainedError
 
 _PREFIX = "/api/v1/captures"
 # What people call a capture becomes part of a folder's name: no separators, no control characters.
@@ -130,7 +132,9 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
     )
 
 
-def make_captures_router(mission: MissionControl, desk: CommandDesk, book: JobBook) -> APIRouter:
+def make_captures_router(
+    mission: MissionControl, desk: CommandDesk, book: JobBook, busy: BusyCaptures
+) -> APIRouter:
     """Return the routes below ``/captures``."""
     router = APIRouter(prefix=_PREFIX, tags=["captures"])
     admitted = Depends(desk.admit)
@@ -196,7 +200,11 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk, book: JobBo
         for run_id, job in book.trainings_on(capture_id).items():
             if not job.over:
                 raise RefusedError(f"{run_id} trains on it; cancel that or wait for its end")
-        await mission.delete_capture(capture_id)
+        with busy.hold(capture_id, "is being deleted"):
+            try:
+                await mission.delete_capture(capture_id)
+            except StillTrainedError as error:
+                raise RefusedError(str(error)) from error
         return Response(status_code=204)
 
     @router.get("/{capture_id}/metrics", operation_id="getCaptureMetrics", responses=described(404))
@@ -220,7 +228,8 @@ def make_captures_router(mission: MissionControl, desk: CommandDesk, book: JobBo
     )
     async def resume_capture(capture_id: str, client: str = admitted) -> CaptureView:
         """Go on with a paused capture."""
-        record = await mission.resume_capture(capture_id)
+        with busy.hold(capture_id, "is being resumed"):
+            record = await mission.resume_capture(capture_id)
         desk.note_flight(client)
         return view_from_record(record)
 

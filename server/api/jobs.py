@@ -17,6 +17,7 @@ from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import ProblemError, described, json_safe
 from server.jobs.book import JobBook, JobRecord, JobState
 from server.jobs.spec import JobSpec, Kind
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import MissionControl, RefusedError, UnknownError
 from server.store.runs import free_run
 
@@ -66,7 +67,7 @@ def view_from_job(record: JobRecord) -> JobView:
     return view.model_copy(update={"result": json_safe(record.result)})
 
 
-def make_jobs_router(mission: MissionControl, book: JobBook) -> APIRouter:
+def make_jobs_router(mission: MissionControl, book: JobBook, busy: BusyCaptures) -> APIRouter:
     """Return the routes below ``/jobs``, and the one that asks for a training."""
     router = APIRouter(prefix="/api/v1", tags=["jobs"])
 
@@ -109,6 +110,7 @@ def make_jobs_router(mission: MissionControl, book: JobBook) -> APIRouter:
     async def start_reconstruction(spec: TrainingSpec, response: Response) -> JobView:
         """Train anew on a capture; trainings wait for each other, and never run beside a flight."""
         mission.capture(spec.capture)
+        busy.refuse(spec.capture)
         for record in mission.captures():
             if record.status.state in _UNFINISHED:
                 raise RefusedError(

@@ -12,6 +12,7 @@ from server.api.door import Door
 from server.api.openapi_document import describe
 from server.api.web import make_web
 from server.jobs.book import JobBook
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import MissionControl
 from server.stages import StopControl
 
@@ -26,6 +27,7 @@ def openapi_document() -> dict[str, Any]:
         mission=cast(MissionControl, None),
         stops=cast(StopControl, None),
         jobs=cast(JobBook, None),
+        busy=BusyCaptures(),
         door=Door(KeyRing("unused")),
         scene_port=None,
         dist=Path("web/dist"),

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from server.api.json_numbers import WHOLE, Number
 from server.api.problems import ProblemError, described
 from server.jobs.book import JobBook
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import MissionControl, RefusedError
 from server.store.scaling import PlacedMark, ScaleUnknownError, scale_by_length
 
@@ -49,18 +50,17 @@ class ScaleView(BaseModel):
     measured_m: float
 
 
-def make_scale_router(mission: MissionControl, book: JobBook) -> APIRouter:
+def make_scale_router(mission: MissionControl, book: JobBook, busy: BusyCaptures) -> APIRouter:
     """Return the route ``/captures/{id}/scale``."""
     router = APIRouter(prefix="/api/v1/captures", tags=["results"])
-    lock = asyncio.Lock()
 
     @router.post(
         "/{capture_id}/scale", operation_id="scaleCapture", responses=described(404, 409, 422)
     )
     async def scale_capture(capture_id: str, known: KnownLength) -> ScaleView:
         """Make everything that a finished capture left as large as the known length says."""
-        async with lock:
-            _refuse_while_busy(mission, book, capture_id)
+        _refuse_while_busy(mission, book, capture_id)
+        with busy.hold(capture_id, "is being scaled"):
             ends = _placed(known.ends[0]), _placed(known.ends[1])
             run = mission.run_folder(capture_id)
             try:

@@ -7,6 +7,7 @@ under way at the moment is told by the book of jobs.
 from __future__ import annotations
 
 import asyncio
+import shutil
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,9 +22,10 @@ from server.api.paging import PAGED, Cursor, Limit, link_next, page_of
 from server.api.problems import described, json_safe
 from server.api.results import Artifact, artifact_of
 from server.jobs.book import JobBook, JobRecord
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import MissionControl, RefusedError, UnknownError
-from server.store.deletion import delete_training
-from server.store.row import RunRow, read_row
+from server.store.deletion import StillTrainedError, doom_training
+from server.store.row import RunRow, changed_unix_s, read_row
 from server.store.trainings import Training, read_training, training_asked_for, trainings_on
 
 TrainingState = Literal["queued", "running", "succeeded", "failed", "cancelled", "interrupted"]
@@ -64,10 +66,13 @@ class _Kept:
 
     row: RunRow
     training: Training
+    changed_unix_s: float
     files: list[FoundFile]
 
 
-def make_trainings_router(mission: MissionControl, book: JobBook, prefix: str) -> APIRouter:
+def make_trainings_router(
+    mission: MissionControl, book: JobBook, busy: BusyCaptures, prefix: str
+) -> APIRouter:
     """Return the routes ``/captures/{id}/trainings``.
 
     Addresses of files begin with ``prefix``, the path that a proxy puts before all of ours.
@@ -104,6 +109,15 @@ def make_trainings_router(mission: MissionControl, book: JobBook, prefix: str) -
     async def delete_one(capture_id: str, training_id: str) -> Response:
         """Delete a field trained anew, and all its files, for good; the capture stays."""
         mission.capture(capture_id)
+        with busy.hold(capture_id, "is losing a training"):
+            doomed = await _doom(capture_id, training_id)
+        try:
+            await asyncio.to_thread(shutil.rmtree, doomed)
+        except OSError as error:
+            raise RefusedError(f"not all of it could be deleted: {error}") from error
+        return Response(status_code=204)
+
+    async def _doom(capture_id: str, training_id: str) -> Path:
         if training_id in book.at_work():
             raise RefusedError("this training is not over; cancel it first")
         folders = await asyncio.to_thread(trainings_on, mission.run_folder(capture_id))
@@ -111,10 +125,11 @@ def make_trainings_router(mission: MissionControl, book: JobBook, prefix: str) -
         if folder is None:
             raise UnknownError(f"no training {training_id!r} on {capture_id}")
         try:
-            await asyncio.to_thread(delete_training, folder)
+            return await asyncio.to_thread(doom_training, folder)
+        except StillTrainedError as error:
+            raise RefusedError(str(error)) from error
         except (OSError, ValueError) as error:
-            raise RefusedError(f"not all of it could be deleted: {error}") from error
-        return Response(status_code=204)
+            raise RefusedError(f"{training_id} cannot be deleted: {error}") from error
 
     return router
 
@@ -124,7 +139,9 @@ def _read(folders: list[Path]) -> dict[str, _Kept]:
     for folder in folders:
         row, training = read_row(folder), read_training(folder)
         if row is not None and training is not None:
-            kept[folder.name] = _Kept(row, training, files_below(folder, _MOST_FILES))
+            ended = row.ended_unix_s
+            changed = changed_unix_s(folder) if ended is None else ended
+            kept[row.id] = _Kept(row, training, changed, files_below(folder, _MOST_FILES))
     return kept
 
 
@@ -170,7 +187,7 @@ def _from_folder(capture_id: str, kept: _Kept, prefix: str) -> TrainingView:
         job=None,
         ahead=0,
         created_at=datetime.fromtimestamp(row.begun_unix_s, UTC),
-        updated_at=datetime.fromtimestamp(row.begun_unix_s, UTC),
+        updated_at=datetime.fromtimestamp(kept.changed_unix_s, UTC),
         seconds=training.seconds,
         seed=training.seed,
         object_only=training.object_only,

@@ -41,6 +41,7 @@ from server.api.tokens import make_tokens_router
 from server.api.trainings import make_trainings_router
 from server.api.webhook import Webhook
 from server.jobs.book import JobBook
+from server.mission.busy_captures import BusyCaptures
 from server.mission.commands import MissionControl
 from server.stages import StopControl
 
@@ -49,6 +50,7 @@ def make_web(
     mission: MissionControl,
     stops: StopControl,
     jobs: JobBook,
+    busy: BusyCaptures,
     door: Door,
     scene_port: int | None,
     dist: Path,
@@ -61,6 +63,7 @@ def make_web(
         mission: Everything that may be asked of the mission.
         stops: The three stops; requests for them go there and nowhere else.
         jobs: The background jobs.
+        busy: The captures that are being changed.
         door: Decides who comes in.
         scene_port: Loopback port of the 3D scene's server, None without one.
         dist: Folder of the built dashboard; it may be missing.
@@ -112,12 +115,12 @@ def make_web(
     web.include_router(make_objects_router(mission, desk))
     web.include_router(make_no_go_router(mission, desk))
     web.include_router(make_setup_router(mission))
-    web.include_router(make_captures_router(mission, desk, jobs))
+    web.include_router(make_captures_router(mission, desk, jobs, busy))
     web.include_router(make_results_router(mission, journal, door.prefix))
     web.include_router(make_replays_router(mission))
-    web.include_router(make_trainings_router(mission, jobs, door.prefix))
-    web.include_router(make_jobs_router(mission, jobs))
-    web.include_router(make_scale_router(mission, jobs))
+    web.include_router(make_trainings_router(mission, jobs, busy, door.prefix))
+    web.include_router(make_jobs_router(mission, jobs, busy))
+    web.include_router(make_scale_router(mission, jobs, busy))
     web.include_router(make_tokens_router(door.ring))
     web.include_router(make_stream_router(mission, journal, desk, config.stream, counts))
     web.include_router(make_health_router(mission, jobs, journal, counts, version))

@@ -8,6 +8,8 @@ the processor from the drones together. The book knows the jobs of this program'
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import json
 import logging
 import secrets
 from collections.abc import AsyncIterator, Callable
@@ -18,7 +20,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from server.jobs.runner import Job, JobFailedError, JobRunner
-from server.jobs.spec import JobSpec, Kind
+from server.jobs.spec import EVENTS, JobSpec, Kind
 
 logger = logging.getLogger(__name__)
 
@@ -35,7 +37,6 @@ class JobRecord:
     Attributes:
         id: Begins with the time it was handed in, so ids sort by age.
         spec: What was handed in.
-        kind: Which program of the worker runs it.
         state: queued, running, succeeded, failed or cancelled.
         phase: What the worker is at, in its words; empty before it has told.
         progress: Share of that phase done, 0 to 1; 1 when the job has succeeded.
@@ -49,7 +50,6 @@ class JobRecord:
 
     id: str
     spec: JobSpec
-    kind: Kind
     state: JobState
     phase: str
     progress: float
@@ -59,6 +59,11 @@ class JobRecord:
     created_at: datetime
     updated_at: datetime
     result: dict[str, Any] | None = None
+
+    @property
+    def kind(self) -> Kind:
+        """Which program of the worker runs it."""
+        return self.spec.kind
 
     @property
     def over(self) -> bool:
@@ -127,7 +132,7 @@ class JobBook:
         job_id = self._enter(spec, _run_of(folder))
         self._jobs[job_id] = job
         self._change(job_id, state="running")
-        return _Kept(self, job_id, job)
+        return _Kept(self, job_id, job, folder)
 
     def request(self, spec: JobSpec, folder: Path, run: Path) -> JobRecord:
         """Have ``spec`` done in ``folder`` when its turn comes.
@@ -169,7 +174,7 @@ class JobBook:
             raise
         self._jobs[job_id] = job
         self._change(job_id, state="running")
-        return _Kept(self, job_id, job)
+        return _Kept(self, job_id, job, folder)
 
     async def _work_off(self, job_id: str, spec: JobSpec, folder: Path) -> None:
         async with self._turn:
@@ -206,7 +211,7 @@ class JobBook:
         dataset = spec.parameters.get("dataset")
         capture = None if dataset is None else Path(dataset).name
         self._records[job_id] = JobRecord(
-            job_id, spec, spec.kind, "queued", "", 0.0, str(run), capture, None, now, now
+            job_id, spec, "queued", "", 0.0, str(run), capture, None, now, now
         )
         for old in [r.id for r in self._records.values() if r.over][:-_MOST_KEPT]:
             del self._records[old]
@@ -232,11 +237,24 @@ def _run_of(folder: Path) -> Path:
     return folder.parent.parent if folder.parent.name == "jobs" else folder
 
 
+def _leave_last_word(folder: Path, reason: str) -> None:
+    """Say in a job's folder that it failed, where its worker could not: killed, or far away."""
+    file = folder / EVENTS
+    with contextlib.suppress(OSError):  # The folder went with its run, or the disk is full.
+        told = file.read_bytes() if file.exists() else b""
+        if b'"event": "failed"' not in told[told.rstrip().rfind(b"\n") + 1 :]:
+            word = {"event": "failed", "error": reason, "bad_input": False}
+            with file.open("ab") as stream:
+                # A worker that was killed may have left half a line.
+                gap = b"" if told.endswith(b"\n") or not told else b"\n"
+                stream.write(gap + json.dumps(word).encode() + b"\n")
+
+
 class _Kept:
     """A running job whose events are also taken down in the book; a ``Job``."""
 
-    def __init__(self, book: JobBook, job_id: str, job: Job) -> None:
-        self._book, self._id, self._job = book, job_id, job
+    def __init__(self, book: JobBook, job_id: str, job: Job, folder: Path) -> None:
+        self._book, self._id, self._job, self._folder = book, job_id, job, folder
 
     async def events(self) -> AsyncIterator[dict[str, Any]]:
         """Yield the worker's events; raises JobFailedError."""
@@ -246,6 +264,7 @@ class _Kept:
                 self._book.note(self._id, dict(event))
                 yield event
         except JobFailedError as error:
+            await asyncio.to_thread(_leave_last_word, self._folder, str(error))
             self._book.note_failure(self._id, str(error))
             raise
 

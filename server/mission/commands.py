@@ -341,6 +341,7 @@ class MissionControl(Protocol):
         Raises:
             UnknownError: If there is no such capture.
             RefusedError: If it is not over yet, or a folder cannot be deleted.
+            StillTrainedError: If somebody trains on it, here or elsewhere; nothing is deleted.
         """
         ...
 

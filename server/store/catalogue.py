@@ -202,9 +202,10 @@ class Catalogue:
     def retain(self, config: RetentionConfig, live: frozenset[str] = frozenset()) -> list[str]:
         """Delete what is too old, then the oldest until the quota holds; returns their ids.
 
-        Starred runs, runs that are not over and those named in ``live`` are never deleted, though
-        they count against the quota. Nor is a capture while a field trained anew on it is kept,
-        which would be nothing without its pictures: it is as old as the youngest of them.
+        Starred runs, runs that are not over and those named in ``live``, with the fields
+        trained anew on them, are never deleted, though they count against the quota. Nor is a
+        capture while such a field is kept, which would be nothing without its pictures: it is as
+        old as the youngest of them.
         """
         with self._engine.connect() as connection:
             rows = [_row(found) for found in connection.execute(sa.select(runs_table))]
@@ -224,6 +225,8 @@ class Catalogue:
         deleted: list[str] = []
         for row in rows:
             if row.starred or row.state in UNFINISHED or row.id in live:
+                continue
+            if row.kind == "training" and row.subject in live:
                 continue
             if any(training.id not in deleted for training in trained.get(row.id, [])):
                 continue

@@ -2,40 +2,48 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from server.store.row import UNFINISHED, read_row
-from server.store.runs import delete_run
+from server.store.runs import doom_run
 from server.store.trainings import trainings_on
 
 
-def delete_training(folder: Path) -> None:
-    """Delete the run folder of a training anew.
+class StillTrainedError(Exception):
+    """Somebody trains in a folder that shall be deleted; nothing was. The text names the run."""
+
+
+def doom_training(folder: Path) -> Path:
+    """Take a training anew out of the library; returns the folder that is left to delete.
 
     Raises:
-        OSError: If something in it cannot be deleted; what could be is gone.
-        ValueError: If somebody still trains in it, or it holds no run.
+        OSError: If it cannot be renamed.
+        StillTrainedError: If somebody trains in it.
+        ValueError: If it holds no run.
     """
     _refuse_busy(folder)
-    delete_run(folder)
+    return doom_run(folder)
 
 
 def delete_with_trainings(run: Path) -> None:
-    """Delete a run folder and before it those of the fields trained anew on its pictures.
+    """Delete a run folder and those of the fields trained anew on its pictures.
+
+    All are out of the library before the first file is deleted, which may take seconds.
 
     Raises:
         OSError: If something cannot be deleted; what could be is gone.
-        ValueError: If somebody still trains on it, or the folder holds no run.
+        StillTrainedError: If somebody trains on it.
+        ValueError: If the folder holds no run.
     """
     trainings = trainings_on(run)
     for folder in trainings:
         _refuse_busy(folder)
-    for folder in trainings:
-        delete_run(folder)
-    delete_run(run)
+    for doomed in [doom_run(folder) for folder in (*trainings, run)]:
+        shutil.rmtree(doomed)
 
 
 def _refuse_busy(folder: Path) -> None:
     row = read_row(folder)
     if row is not None and row.state in UNFINISHED:
-        raise ValueError(f"the training {row.id} is not over")
+        raise StillTrainedError(f"the training {row.id} is not over; wait for its end or cancel it")

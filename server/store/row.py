@@ -15,15 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from server.store.runs import RunFolder, begun_at
+from server.store.trained_now import SILENCE_S, is_trained_now
 from server.store.trainings import Training, read_training
 
 STAR = "starred"
 UNFINISHED = ("queued", "running", "paused")
 
-# Nothing was written in a folder for so long: whoever worked on it is gone.
-_SILENCE_S = 600.0
-# A training beats, tells or keeps its state more often than a flight writes.
-_TRAINING_SILENCE_S = 120.0
 _FIGURES = ("psnr_db", "psnr_db_object", "ssim", "flip", "samples_per_s", "images_held_out")
 _PICTURES = (".jpg", ".jpeg", ".png")
 
@@ -76,7 +73,7 @@ def read_row(folder: Path) -> RunRow | None:
     shown += [f"images/{name}" for name in images[:1]]
     try:
         if training is not None:
-            told = _training(folder.name, training, newest_unix_s)
+            told = _training(folder, training, newest_unix_s)
         else:
             told = _capture(state or {}, newest_unix_s)
     except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
@@ -99,39 +96,43 @@ def read_row(folder: Path) -> RunRow | None:
     )
 
 
+def changed_unix_s(folder: Path) -> float:
+    """Return when a file in a run folder was last changed, seconds since 1970 (UTC)."""
+    return _measure(folder)[1]
+
+
 _Told = tuple[str, str, str, str, float, float | None]
 
 
 def _capture(state: dict[str, Any], newest_unix_s: float) -> _Told:
     status, request = state["status"], state["request"]
     word = str(status["state"])
-    if word in UNFINISHED and time.time() - newest_unix_s > _SILENCE_S:
+    if word in UNFINISHED and time.time() - newest_unix_s > SILENCE_S:
         word = "interrupted"
     begun = datetime.fromisoformat(state["started_at"]).timestamp()
     ended = None if word in UNFINISHED else datetime.fromisoformat(status["at"]).timestamp()
     return "capture", str(request["name"]), str(request["mode"]), word, begun, ended
 
 
-def _training(name: str, training: Training, newest_unix_s: float) -> _Told:
-    stamp = begun_at(name)
+def _training(folder: Path, training: Training, newest_unix_s: float) -> _Told:
+    stamp = begun_at(folder.name)
     wall_s = (training.metrics or {}).get("wall_s", 0.0)
     begun = newest_unix_s - (float(wall_s) if _is_number(wall_s) else 0.0)
     if stamp is not None:
         begun = min(stamp.timestamp(), newest_unix_s)
-    word = _training_state(training, newest_unix_s)
+    word = _training_state(folder, training, newest_unix_s)
     ended = None if word in UNFINISHED else newest_unix_s
     return "training", Path(training.dataset).name, "", word, begun, ended
 
 
-def _training_state(training: Training, newest_unix_s: float) -> str:
+def _training_state(folder: Path, training: Training, newest_unix_s: float) -> str:
     if training.finished:
         return "succeeded"
     if training.stopped:
         return "cancelled"
     if training.error is not None:
         return "failed"
-    silent = time.time() - newest_unix_s > _TRAINING_SILENCE_S
-    return "interrupted" if silent else "running"
+    return "running" if is_trained_now(folder, newest_unix_s) else "interrupted"
 
 
 def _measure(folder: Path) -> tuple[int, float]:

@@ -186,12 +186,22 @@ def delete_run(folder: Path) -> None:
         OSError: If something in it cannot be deleted; what could be is gone.
         ValueError: If the folder holds no run.
     """
+    shutil.rmtree(doom_run(folder))
+
+
+def doom_run(folder: Path) -> Path:
+    """Take a run out of the library at once; returns the hidden folder that is left to delete.
+
+    Raises:
+        OSError: If it cannot be renamed.
+        ValueError: If the folder holds no run.
+    """
     told = any((folder / name).is_file() for name in (STATE, *_TRAINED))
     if folder.is_symlink() or not told:
         raise ValueError(f"{folder} holds no run")
     doomed = folder.with_name(f"{_DOOMED}{folder.name}")
     folder.rename(doomed)
-    shutil.rmtree(doomed)
+    return doomed
 
 
 def clear_deleted(root: Path) -> None:

@@ -183,7 +183,7 @@ def _charuco(board: Board) -> cv2.aruco.CharucoBoard:
 
 def draw_board(board: Board, px_per_mm: float) -> Image:
     """Return the grey picture of the bare pattern, a whole number of pixels per square."""
-    square = max(4, round(board.square_mm * px_per_mm))
+    square = _square_px(board, px_per_mm)
     across, down = board.squares
     if board.kind == "charuco":
         size = (across * square, down * square)
@@ -192,12 +192,20 @@ def draw_board(board: Board, px_per_mm: float) -> Image:
     return np.kron(np.where(odd, 255, 0), np.ones((square, square))).astype(np.uint8)
 
 
+def sheet_size_px(board: Board, px_per_mm: float) -> tuple[int, int]:
+    """Return width and height of what ``draw_sheet`` draws, in pixels."""
+    square, margin = _square_px(board, px_per_mm), round(_MARGIN_MM * px_per_mm)
+    across, down = board.squares
+    caption = round(_CAPTION_MM * px_per_mm)
+    return across * square + 2 * margin, down * square + 2 * margin + caption
+
+
 def draw_sheet(board: Board, px_per_mm: float) -> Image:
     """Return the board with a white margin, its name and a ruler to check the print's scale by."""
     pattern = draw_board(board, px_per_mm)
-    margin, caption = round(_MARGIN_MM * px_per_mm), round(_CAPTION_MM * px_per_mm)
+    margin = round(_MARGIN_MM * px_per_mm)
     height, width = pattern.shape
-    sheet = np.full((height + 2 * margin + caption, width + 2 * margin), 255, np.uint8)
+    sheet = np.full(sheet_size_px(board, px_per_mm)[::-1], 255, np.uint8)
     sheet[margin : margin + height, margin : margin + width] = pattern
     ruler = min(_RULER_MM, 10.0 * (width / px_per_mm // 10.0))
     left, base = margin, height + 2 * margin
@@ -212,6 +220,10 @@ def draw_sheet(board: Board, px_per_mm: float) -> Image:
     at = (left, base + round(6.0 * px_per_mm))
     cv2.putText(sheet, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, 0, thick, cv2.LINE_AA)
     return sheet
+
+
+def _square_px(board: Board, px_per_mm: float) -> int:
+    return max(4, round(board.square_mm * px_per_mm))
 
 
 class BoardFinder:

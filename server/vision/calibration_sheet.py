@@ -7,7 +7,7 @@ from typing import Literal
 
 from PIL import Image as Picture
 
-from server.vision.calibration_board import Board, draw_sheet
+from server.vision.calibration_board import Board, draw_sheet, sheet_size_px
 
 SheetForm = Literal["png", "pdf"]
 
@@ -23,7 +23,7 @@ def encode_sheet(board: Board, form: SheetForm) -> bytes:
     sheet = Picture.fromarray(draw_sheet(board, dpi / _MM_PER_INCH))
     file = io.BytesIO()
     if form == "pdf":
-        page = _on_page(sheet, _paper(*_size_mm(sheet, dpi)), dpi)
+        page = _on_page(sheet, _paper(*_size_mm(sheet.size, dpi)), dpi)
         page.save(file, "PDF", resolution=dpi)
     else:
         sheet.save(file, "PNG", dpi=(dpi, dpi))
@@ -33,7 +33,7 @@ def encode_sheet(board: Board, form: SheetForm) -> bytes:
 def paper_name(board: Board) -> str:
     """Return what to print the sheet on, for people."""
     dpi = _dpi(board)
-    width_mm, height_mm = _size_mm(Picture.fromarray(draw_sheet(board, dpi / _MM_PER_INCH)), dpi)
+    width_mm, height_mm = _size_mm(sheet_size_px(board, dpi / _MM_PER_INCH), dpi)
     paper = _paper(width_mm, height_mm)
     return paper[0] if paper else f"a sheet of {width_mm:.0f} x {height_mm:.0f} mm"
 
@@ -43,9 +43,8 @@ def _dpi(board: Board) -> float:
     return round(board.square_mm * _DPI / _MM_PER_INCH) * _MM_PER_INCH / board.square_mm
 
 
-def _size_mm(sheet: Picture.Image, dpi: float) -> tuple[float, float]:
-    width, height = sheet.size
-    return width * _MM_PER_INCH / dpi, height * _MM_PER_INCH / dpi
+def _size_mm(size_px: tuple[int, int], dpi: float) -> tuple[float, float]:
+    return size_px[0] * _MM_PER_INCH / dpi, size_px[1] * _MM_PER_INCH / dpi
 
 
 def _paper(width_mm: float, height_mm: float) -> tuple[str, float, float] | None:

@@ -12,8 +12,13 @@ from server.vision.calibration import Calibration
 from server.vision.calibration_board import BoardView
 
 
-def coverage_picture(calibration: Calibration, views: Sequence[BoardView]) -> NDArray[np.uint8]:
-    """Return a picture of the camera's size with every corner of the kept views."""
+def coverage_png(calibration: Calibration, views: Sequence[BoardView]) -> bytes:
+    """Return a picture of the camera's size with every corner of the kept views, as a PNG file."""
+    _, png = cv2.imencode(".png", _picture(calibration, views))
+    return png.tobytes()
+
+
+def _picture(calibration: Calibration, views: Sequence[BoardView]) -> NDArray[np.uint8]:
     intrinsics = calibration.intrinsics
     image = np.full((intrinsics.height, intrinsics.width, 3), 255, np.uint8)
     rows, columns = calibration.coverage.shape
@@ -29,11 +34,3 @@ def coverage_picture(calibration: Calibration, views: Sequence[BoardView]) -> ND
             for x, y in view.pixels:
                 cv2.circle(image, (round(x), round(y)), 3, (160, 80, 0), -1, cv2.LINE_AA)
     return image
-
-
-def coverage_png(calibration: Calibration, views: Sequence[BoardView]) -> bytes:
-    """Return that picture as the bytes of a PNG file; raises ValueError if it cannot be encoded."""
-    written, data = cv2.imencode(".png", coverage_picture(calibration, views))
-    if not written:
-        raise ValueError("the picture of the coverage could not be encoded")
-    return data.tobytes()

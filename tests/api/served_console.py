@@ -20,6 +20,7 @@ from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
 from server.jobs.book import JobBook
+from server.mission.busy_captures import BusyCaptures
 
 TOKEN = "correct-horse-battery-staple"
 
@@ -73,7 +74,7 @@ async def serve(
     ring = KeyRing(TOKEN, tmp_path / "tokens.json")
     door = Door(ring, prefix=prefix)
     book = JobBook(FakeRunner())
-    web = make_web(mission, stops, book, door, scene_port, dist, "0.1.0", config)
+    web = make_web(mission, stops, book, BusyCaptures(), door, scene_port, dist, "0.1.0", config)
     server = _Server(uvicorn_config(web, "127.0.0.1", 0, tls))
     serving = asyncio.create_task(server.serve())
     while not server.started:

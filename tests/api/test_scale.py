@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import threading
 from typing import Any
 
 import cv2
@@ -16,6 +18,8 @@ from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import look_at
 from server.nerf.dataset import PosedFile, load_dataset, write_transforms
+from server.nerf.pose_scale import KnownScale
+from server.store.scaling import scale_by_length
 
 CAMERA = Intrinsics(320, 240, 300.0, 300.0, 159.5, 119.5)
 ENDS = np.array([[-0.2, 0.0, 0.1], [0.2, 0.05, 0.15]])
@@ -113,3 +117,31 @@ async def test_a_run_without_poses_has_no_scale(console: Console) -> None:
     answer = await ask(console)
     is_problem(answer, 409)
     assert "transforms.json" in answer.json()["detail"]
+
+
+async def test_nothing_is_taken_away_or_begun_while_it_is_scaled(
+    console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_run(console)
+    begun, go_on = threading.Event(), threading.Event()
+
+    def slowly(*asked: Any) -> KnownScale:
+        begun.set()
+        assert go_on.wait(20.0)
+        return scale_by_length(*asked)
+
+    monkeypatch.setattr("server.api.scale.scale_by_length", slowly)
+    async with console.client() as client, asyncio.timeout(20.0):
+        scaling = asyncio.create_task(ask(console))
+        await until(begun.is_set)
+        for answer in (
+            await client.delete("/api/v1/captures/run-1/trainings/any"),
+            await client.delete("/api/v1/captures/run-1"),
+            await client.post("/api/v1/reconstructions", json={"capture": "run-1"}),
+            await ask(console),
+        ):
+            is_problem(answer, 409)
+            assert answer.json()["detail"] == "run-1 is being scaled; wait until that is done"
+        go_on.set()
+        assert (await scaling).status_code == 200
+        assert (await client.delete("/api/v1/captures/run-1")).status_code == 204

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -10,9 +13,11 @@ from fake_mission import capture_changed
 from served_console import Console, runner_of, serve, until
 from test_rest import is_problem
 
+from server.jobs.heartbeat import Heartbeat
 from server.jobs.spec import JobSpec
 
 TRAININGS = "/api/v1/captures/run-1/trainings"
+ENDED_UNIX_S = datetime(2026, 5, 1, 12, 2, tzinfo=UTC).timestamp()
 
 
 def keep_capture(console: Console, run: str = "run-1") -> Path:
@@ -41,7 +46,9 @@ async def test_trainings_of_before_are_listed_with_settings_figures_and_files(
     console: Console,
 ) -> None:
     keep_capture(console)
-    keep_training(console, "20260501-120000-train-run-1", object_only=True)
+    ended = keep_training(console, "20260501-120000-train-run-1", object_only=True)
+    for file in (path for path in ended.rglob("*") if path.is_file()):
+        os.utime(file, (ENDED_UNIX_S, ENDED_UNIX_S))
     keep_training(console, "20260502-120000-train-run-1", train_seconds=90.0)
     keep_training(console, "20260503-120000-train-other", dataset="/nowhere/else")
     async with console.client() as client:
@@ -52,6 +59,7 @@ async def test_trainings_of_before_are_listed_with_settings_figures_and_files(
             "20260502-120000-train-run-1",
         ]
         assert first["created_at"] == "2026-05-01T12:00:00Z"
+        assert first["updated_at"] == "2026-05-01T12:02:00Z"
         assert (first["state"], first["job"], first["error"]) == ("succeeded", None, None)
         assert (first["seconds"], first["seed"], first["object_only"]) == (30.0, 5, True)
         assert (second["seconds"], second["object_only"]) == (90.0, False)
@@ -130,3 +138,52 @@ async def test_one_is_deleted_and_nothing_beside_it(console: Console) -> None:
         assert not capture.exists()
         assert not other.exists()
         assert (console.mission.runs / "run-2").is_dir()
+
+
+@pytest.mark.loopback
+async def test_what_somebody_else_trains_is_not_deleted(console: Console) -> None:
+    keep_capture(console)
+    training = keep_training(console, "20260501-120000-train-run-1")
+    (training / "metrics.json").unlink()
+    Heartbeat(training / "jobs/reconstruct")
+    async with console.client() as client:
+        (running,) = (await client.get(TRAININGS)).json()
+        age_s = datetime.now(UTC) - datetime.fromisoformat(running["updated_at"])
+        assert (running["state"], age_s.total_seconds() < 60.0) == ("running", True)
+        answer = await client.delete(f"{TRAININGS}/{training.name}")
+        is_problem(answer, 409)
+        # All of it is there, and the answer says nothing else.
+        assert answer.json()["detail"].startswith(f"the training {training.name} is not over")
+        assert training.is_dir()
+
+
+@pytest.mark.loopback
+async def test_a_capture_that_is_being_deleted_is_left_alone(
+    console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep_capture(console)
+    training = keep_training(console, "20260501-120000-train-run-1")
+    begun, go_on = asyncio.Event(), asyncio.Event()
+    delete = console.mission.delete_capture
+
+    async def slowly(capture_id: str) -> None:
+        begun.set()
+        await go_on.wait()
+        await delete(capture_id)
+
+    monkeypatch.setattr(console.mission, "delete_capture", slowly)
+    async with console.client() as client, asyncio.timeout(20.0):
+        deletion = asyncio.create_task(client.delete("/api/v1/captures/run-1"))
+        await begun.wait()
+        for answer in (
+            await client.post("/api/v1/reconstructions", json={"capture": "run-1"}),
+            await client.delete(f"{TRAININGS}/{training.name}"),
+            await client.delete("/api/v1/captures/run-1"),
+            await client.post("/api/v1/captures/run-1/resume"),
+        ):
+            is_problem(answer, 409)
+            assert answer.json()["detail"] == "run-1 is being deleted; wait until that is done"
+        go_on.set()
+        assert (await deletion).status_code == 204
+        is_problem(await client.post("/api/v1/reconstructions", json={"capture": "run-1"}), 404)
+    assert console.book.jobs() == []

@@ -324,6 +324,68 @@ def test_everything_else_in_the_fleet_file_stays(tmp_path: Path) -> None:
     assert load_fleet(fleet).drones[1].intrinsics == CAMERA
 
 
+PULLS = """\
+[[drones]]
+id = "drone-1"
+address = "10.0.0.1"
+# interface = "wlan1"
+
+# drone-2 pulls to the left
+[[drones]]
+id = "drone-2"
+address = "10.0.0.2"
+
+# The room's network.
+[station]
+subnet = "192.168.1.0/24"
+"""
+
+
+def test_comments_between_drones_stay_where_they_are(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.toml"
+    fleet.write_text(PULLS)
+    for drone_id in ("drone-1", "drone-2"):
+        write_intrinsics(fleet, drone_id, CAMERA, "Calibrated with a board, 20 views.")
+    once = fleet.read_text()
+    # Nothing but the two tables has come, each at the end of its drone.
+    first, second, rest = once.split("[drones.intrinsics]\n")
+    assert first == PULLS[: PULLS.index("\n# drone-2")] + "\n"
+    numbers = second[: second.index("\n\n") + 1]
+    assert (
+        second == numbers + PULLS[PULLS.index("\n# drone-2") : PULLS.index("\n# The room")] + "\n"
+    )
+    assert rest == numbers + PULLS[PULLS.index("\n# The room") :]
+    assert numbers.startswith("# Calibrated with a board, 20 views.\nwidth = 960\n")
+    once = once.replace("cx = ", "# The lens was changed.\ncx = ", 1)
+    fleet.write_text(once)
+    for drone_id in ("drone-2", "drone-1"):
+        write_intrinsics(fleet, drone_id, CAMERA, "Calibrated with a board, 30 views.")
+    assert fleet.read_text() == once.replace("20 views", "30 views")
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        'intrinsics = {fx = 900.0, fy = 900.0} # in one line\nname = "One"',
+        'intrinsics.fx = 900.0\nintrinsics.fy = 900.0\nname = "One"',
+        'name = "One"\n  [drones.intrinsics]  # mine\n  fx = 900.0',
+        'name = "One"',
+    ],
+)
+def test_however_a_camera_was_written_its_numbers_are_replaced(tmp_path: Path, lines: str) -> None:
+    fleet = tmp_path / "fleet.toml"
+    text = PULLS.replace('# interface = "wlan1"', lines)
+    fleet.write_text(text)
+    for _ in range(2):
+        write_intrinsics(fleet, "drone-1", CAMERA, "Calibrated with a board.")
+        first, second = load_fleet(fleet).drones
+        assert (first.name, first.intrinsics) == ("One", CAMERA)
+        assert second.intrinsics == TELLO_INTRINSICS
+        assert fleet.read_text().endswith(text[text.index("\n\n# drone-2") :])
+        for comment in re.findall("# (?:mine|in one line)", lines):
+            assert comment in fleet.read_text()
+
+
 def test_drones_written_in_one_line_and_without_ids(tmp_path: Path) -> None:
     fleet = tmp_path / "fleet.toml"
     fleet.write_text('drones = [{address = "10.0.0.1"}, {address = "10.0.0.2"}]\n')
@@ -363,9 +425,12 @@ def test_any_camera_is_read_back(
 
 
 @pytest.mark.parametrize("ending", ["png", "pdf"])
-async def test_the_board_can_be_printed(tmp_path: Path, ending: str) -> None:
+async def test_the_board_can_be_printed(
+    tmp_path: Path, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     file = tmp_path / f"board.{ending}"
     assert await calibrate(board_image=file) == 0
+    assert f"print {file} on A4 at actual size" in capsys.readouterr().err
     if ending == "pdf":
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+) ?\]", file.read_bytes())
         assert box is not None

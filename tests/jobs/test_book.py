@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-from server.jobs.book import JobBook
+import pytest
+
+from server.jobs.book import JobBook, _leave_last_word
 from server.jobs.spec import JobSpec
 from tests.api.fake_jobs import FakeRunner
 
@@ -55,6 +58,33 @@ async def test_a_job_that_was_left_is_in_the_book_until_its_end(tmp_path: Path) 
 async def test_a_folder_without_a_job_has_none_to_adopt(tmp_path: Path) -> None:
     (tmp_path / "spec.json").write_text("no job")
     assert await JobBook(_OneLeft(tmp_path)).adopt(tmp_path) is None
+
+
+@pytest.mark.parametrize("told", ["", '{"event": "progressed"}\n', '{"event": "prog'])
+async def test_a_worker_that_was_killed_gets_its_last_word_written(
+    tmp_path: Path, told: str
+) -> None:
+    runner = FakeRunner()
+    book = JobBook(runner)
+    book.request(JobSpec("reconstruct", {}), tmp_path, tmp_path)
+    events, ended = tmp_path / "events.jsonl", asyncio.Event()
+    book.on_end = lambda _: ended.set()
+    async with asyncio.timeout(10.0):
+        for _ in range(20):  # It gets its turn.
+            await asyncio.sleep(0)
+        events.write_text(told)
+        runner.jobs[0].news.put_nowait({"event": "failed", "error": "exit code -9"})
+        await ended.wait()
+    assert events.read_text().startswith(told)
+    assert json.loads(events.read_text().splitlines()[-1]) == {
+        "event": "failed",
+        "error": "exit code -9",
+        "bad_input": False,
+    }
+    # One that could say it itself has said it.
+    said = events.read_text()
+    _leave_last_word(tmp_path, "once more")
+    assert events.read_text() == said
 
 
 async def test_closing_ends_the_job_that_runs_and_begins_none_of_those_that_wait(

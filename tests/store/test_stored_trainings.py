@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -13,8 +16,9 @@ import pytest
 
 from server.store.catalogue import Catalogue
 from server.store.config import RetentionConfig
-from server.store.deletion import delete_training, delete_with_trainings
+from server.store.deletion import StillTrainedError, delete_with_trainings, doom_training
 from server.store.row import read_row
+from server.store.runs import clear_deleted
 from server.store.trainings import read_training, trainings_on
 
 CAPTURE = "20260501-120000-bin"
@@ -115,13 +119,73 @@ def test_one_that_did_not_end_well_says_how(tmp_path: Path) -> None:
     told = read_training(failed)
     assert told is not None
     assert told.error == "no memory"
-    age(orphan, 300.0)
+    age(orphan, 900.0)
     assert state_of(orphan) == "interrupted"
     # One that somebody goes on with runs again, whatever was said before.
     for folder in (failed, cancelled):
         age(folder, 300.0)
         (folder / "training.npz").touch()
         assert state_of(folder) == "running"
+
+
+WORKER = """
+import sys, time
+from pathlib import Path
+from server.jobs.heartbeat import Heartbeat
+Heartbeat(Path(sys.argv[1]))
+print(flush=True)
+time.sleep(60)
+"""
+
+
+def test_a_worker_s_lock_tells_whether_it_is_at_work(tmp_path: Path) -> None:
+    capture = keep_capture(tmp_path)
+    folder = begin_training(capture)
+    job = folder / "jobs/reconstruct"
+    command = [sys.executable, "-c", WORKER, str(job)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as worker:
+        assert worker.stdout is not None
+        try:
+            worker.stdout.readline()
+            worker.send_signal(signal.SIGSTOP)  # It trains on, however long it writes nothing.
+            age(folder, 3000.0)
+            assert state_of(folder) == "running"
+            with pytest.raises(StillTrainedError):
+                doom_training(folder)
+            with Catalogue(tmp_path) as catalogue:
+                catalogue.rescan()
+                assert folder.name not in catalogue.retain(RetentionConfig(quota_bytes=0))
+        finally:
+            worker.kill()
+    age(folder, 1.0)
+    # Killed without a last word, a second ago.
+    assert state_of(folder) == "interrupted"
+    # Somebody goes on with it from a shell, whose worker has its lock elsewhere.
+    age(folder, 500.0)
+    os.utime(folder / "training.json", (time.time() - 400.0, time.time() - 400.0))
+    assert state_of(folder) == "running"
+    age(folder, 1.0)
+    doom_training(folder)
+
+
+def test_what_waits_for_a_cluster_is_not_over(tmp_path: Path) -> None:
+    capture = keep_capture(tmp_path)
+    folder = begin_training(capture)
+    (folder / "jobs/reconstruct/ray.json").write_text("{}")
+    age(folder, 86_400.0)
+    assert state_of(folder) == "running"
+    with pytest.raises(StillTrainedError):
+        delete_with_trainings(capture)
+    # Where its nodes see our files, its worker's beats are seen.
+    (folder / "jobs/reconstruct/heartbeat").touch()
+    assert state_of(folder) == "running"
+    age(folder, 900.0)
+    assert state_of(folder) == "interrupted"
+    # Told to be over, it is.
+    tell(folder, event="failed", error="Ray: no such node", bad_input=False)
+    assert state_of(folder) == "failed"
+    delete_with_trainings(capture)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_run_s_own_field_is_no_training_on_it(tmp_path: Path) -> None:
@@ -150,16 +214,35 @@ def test_a_capture_takes_the_fields_trained_on_it_along(tmp_path: Path) -> None:
     other = keep_capture(tmp_path, "20260501-125959-bin")
     training = end_training(begin_training(capture))
     busy = begin_training(capture, "20260501-140000-train-bin")
-    with pytest.raises(ValueError, match="not over"):
+    with pytest.raises(StillTrainedError, match="not over"):
         delete_with_trainings(capture)
-    with pytest.raises(ValueError, match="not over"):
-        delete_training(busy)
+    with pytest.raises(StillTrainedError, match="not over"):
+        doom_training(busy)
     assert {capture, training, busy} <= set(tmp_path.iterdir())
-    age(busy, 300.0)
-    delete_training(busy)
+    age(busy, 900.0)
+    shutil.rmtree(doom_training(busy))
     assert not busy.exists()
     delete_with_trainings(capture)
     assert set(tmp_path.iterdir()) == {other}
+
+
+def test_all_are_out_of_the_library_before_a_file_is_deleted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture = keep_capture(tmp_path)
+    training = end_training(begin_training(capture))
+
+    def stuck(folder: Path) -> None:
+        raise OSError(16, "Device or resource busy")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(shutil, "rmtree", stuck)
+        with pytest.raises(OSError, match="busy"):
+            delete_with_trainings(capture)
+    doomed = {f".deleting-{name}" for name in (capture.name, training.name)}
+    assert {path.name for path in tmp_path.iterdir()} == doomed
+    clear_deleted(tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_retention_keeps_the_pictures_of_a_field_that_it_keeps(tmp_path: Path) -> None:
@@ -178,6 +261,9 @@ def test_retention_keeps_the_pictures_of_a_field_that_it_keeps(tmp_path: Path) -
         late = keep_capture(tmp_path, "20260501-123000-bin")
         (late / "capture.json").write_text(about)
         catalogue.rescan()
+        # Not from under whoever changes the capture.
+        busy = frozenset({late.name, capture.name})
+        assert catalogue.retain(RetentionConfig(quota_bytes=0), busy) == []
         gone = catalogue.retain(RetentionConfig(quota_bytes=0))
         assert gone == [late.name, training.name, capture.name]
 

@@ -23,6 +23,7 @@ from server.vision.calibration_board import (
     draw_board,
     draw_sheet,
     parse_board,
+    sheet_size_px,
 )
 from server.vision.calibration_views import CalibrationConfig, ViewPicker, coverage_of
 
@@ -315,6 +316,7 @@ def test_config_refuses_impossible_limits() -> None:
 
 def test_the_printed_sheet_has_the_board_in_its_size() -> None:
     sheet = draw_sheet(CHARUCO, 4.0)
+    assert sheet.shape == sheet_size_px(CHARUCO, 4.0)[::-1]
     pattern = draw_board(CHARUCO, 4.0)
     assert pattern.shape == (5 * 38 * 4, 7 * 38 * 4)
     # Five millimetres of margin.
