@@ -73,8 +73,8 @@ def main() -> int:
     parser.add_argument(
         "--ablations",
         action="store_true",
-        help="table1: also the mission without each of its parts; nerf: the training without each"
-        " of its switches, instead",
+        help="table1: also the mission without each of its parts; instead of all else, nerf: the"
+        " training without each of its switches, planner: the fitness without each of its terms",
     )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
@@ -86,8 +86,8 @@ def main() -> int:
         parser.error("--faults and --only are for the bench mission")
     if arguments.name != "table1" and (arguments.pictures or arguments.drones):
         parser.error("--pictures and --drones are for the bench table1")
-    if arguments.ablations and arguments.name not in ("nerf", "table1"):
-        parser.error("--ablations is for the benches nerf and table1")
+    if arguments.ablations and arguments.name not in ("nerf", "planner", "table1"):
+        parser.error("--ablations is for the benches nerf, planner and table1")
     bench = importlib.import_module(_BENCHES[arguments.name])
     all_scenes = getattr(bench, "SCENES", SCENES)
     options = Options(

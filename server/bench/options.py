@@ -25,7 +25,7 @@ class Options:
         resume: Whether to go on from the parts in ``out``.
         pictures: For the table: counts of pictures to draw a curve over, none for no curve.
         drones: For the table: counts of drones likewise.
-        ablations: For table and fields: whether to leave out each part in turn.
+        ablations: For table, fields and planner: whether to leave out each part in turn.
     """
 
     scenes: tuple[str, ...]

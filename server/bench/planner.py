@@ -33,6 +33,7 @@ from server.bench.planner_plans import (
     rings_around,
     score,
 )
+from server.bench.planner_terms import without_terms
 from server.bench.scenes import named_and_shared_scenes
 from server.bench.seed_figures import fitted_after, seen_by_mission
 from server.geometry.boxes import Box3
@@ -84,7 +85,9 @@ class _Course:
 
 
 def run(options: Options) -> Figures:
-    """Measure every scene."""
+    """Measure every scene, or with ``--ablations`` what each term of the fitness is worth."""
+    if options.ablations:
+        return _terms(options)
     scenes = each_scene("planner", options, lambda scene: _measure(scene, options))
     overall: dict[str, Any] = {
         key: _mean([part[key] for part in scenes.values()]) for key in _keys()
@@ -96,6 +99,16 @@ def run(options: Options) -> Figures:
     sizes = QUICK_SIZES if options.quick else SIZES
     overall["size_curve"] = size_curve(box, options.seed, sizes)
     return Figures(scenes, overall)
+
+
+def _terms(options: Options) -> Figures:
+    samples = _QUICK_SAMPLES if options.quick else _SAMPLES
+    scenes = each_scene(
+        "planner-terms",
+        options,
+        lambda scene: without_terms(scene, options.seed, VIEW_COUNTS, samples),
+    )
+    return Figures(scenes, _mean(list(scenes.values())))
 
 
 def _keys() -> list[str]:
