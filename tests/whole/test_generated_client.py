@@ -75,9 +75,11 @@ def test_a_generated_client_flies_a_capture(peer: Peer, tmp_path: Path) -> None:
     )
     said = generated.stdout + generated.stderr
     assert generated.returncode == 0, said[-4000:]
-    # It knows no pictures, and leaves that one answer out.
-    unread = re.findall(r"^WARNING parsing (.*)", said, re.MULTILINE)
-    assert unread == ["GET /api/v1/drones/{drone_id}/frame.jpg within drones."], said
+    # It knows no pictures and no sheets to print, and leaves those answers out.
+    unread = re.findall(r"^WARNING parsing GET /api/v1/drones/{drone_id}/(\S+)", said, re.MULTILINE)
+    sheets = [f"calibration/{name}" for name in ("board.pdf", "board.png", "coverage.png")]
+    assert sorted(unread) == [*sheets, "frame.jpg"], said
+    assert said.count("WARNING parsing") == len(unread), said
     simulated = ("--sim", "recycle_bin", "--seed", "1")
     with console(tmp_path / "runs", *simulated) as address:
         done = subprocess.run(
