@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
+import sqlite3
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ logger = logging.getLogger(__name__)
 CATALOGUE_FILE = "catalogue.sqlite"
 _MIGRATIONS = Path(__file__).parent / "migrations"
 _BUSY_S = 10.0
+_AGAIN_S = 0.02
 # Any number, the same for all: consoles that open one database at once migrate it one by one.
 _MIGRATION_LOCK = 0x64726F6E
 
@@ -92,14 +94,30 @@ def _engine(url: URL) -> sa.Engine:
         return sa.create_engine(url, pool_pre_ping=True, pool_size=2)
     engine = sa.create_engine(url, connect_args={"timeout": _BUSY_S})
 
-    def prepare(connection: Any, _: object) -> None:
+    def prepare(connection: sqlite3.Connection, _: object) -> None:
         # Readers go on while one writes; a row lost with the power is found again by a rescan.
-        with contextlib.closing(connection.cursor()) as cursor:
-            cursor.execute("PRAGMA journal_mode=WAL")
-            cursor.execute("PRAGMA synchronous=NORMAL")
+        _write_ahead(connection)
+        connection.execute("PRAGMA synchronous=NORMAL").close()
 
     event.listen(engine, "connect", prepare)
     return engine
+
+
+def _write_ahead(connection: sqlite3.Connection) -> None:
+    """Turn on SQLite's write-ahead log, which stays on in the file.
+
+    SQLite does not wait for its turn here: of two that open a new file at once, one is told that it
+    is locked.
+    """
+    until_s = time.monotonic() + _BUSY_S
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode=WAL").close()
+            return
+        except sqlite3.OperationalError:
+            if time.monotonic() > until_s:
+                raise
+        time.sleep(_AGAIN_S)
 
 
 def _migrate(engine: sa.Engine) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
@@ -233,6 +234,20 @@ def test_two_catalogues_open_one_database_and_see_each_other(tmp_path, database_
         assert _ids(other.page()) == ["run-1"]
         other.delete("run-1")
         assert one.get("run-1") is None
+
+
+def test_many_may_open_a_new_database_at_once(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        for turn in range(40):
+            runs = tmp_path / str(turn)
+            together = threading.Barrier(4)
+
+            def opened(runs=runs, together=together):
+                together.wait()
+                with Catalogue(runs) as catalogue:
+                    return catalogue.rescan().runs
+
+            assert [one.result() for one in [pool.submit(opened) for _ in range(4)]] == [0] * 4
 
 
 def test_odd_words_of_a_capture_are_listed_on_every_database(tmp_path, catalogue):
