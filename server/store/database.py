@@ -6,7 +6,6 @@ import logging
 import sqlite3
 import time
 from pathlib import Path
-from typing import Any
 
 import sqlalchemy as sa
 from alembic import command
