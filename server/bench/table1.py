@@ -9,9 +9,9 @@ standard, flight by flight (``table.figures``).
 
 ``flight_s`` is simulated time from take-off to landing, ``wall_s`` what flight, drawing, refinement
 and training took here; judging does not count. ``surface_seen`` is the share of the true surface
-that a flight's pictures show. Every flight with its modes is a part of its own in ``--out``;
-``--pictures`` and ``--drones`` add curves over other counts, ``--ablations`` the mission without
-each of its parts; one seed of two scenes each.
+that a flight's pictures show. Every flight with its modes is a part of its own in ``--out``, and
+the report is written anew after every seed. ``--pictures`` and ``--drones`` add curves over other
+counts, ``--ablations`` the mission without each of its parts; one seed of two scenes each.
 """
 
 from __future__ import annotations
@@ -47,33 +47,47 @@ def run(options: Options) -> Figures:
     parts = Parts(
         options.out, resume=options.resume, threads=options.threads, commit=found["commit"]
     )
-    runs, failed = _all_runs(options, parts)
+    first = [wanted for scene in options.scenes for wanted in _wanted(options, scene, options.seed)]
+
+    def report(figures: Figures) -> None:
+        if options.out is not None:
+            Report(figures, found | {"measured_at": parts.commits()}, options, first).write()
+
+    # Seed after seed, so that a bench that is cut off has told something of every scene.
+    figures = Figures({}, {})
+    for seeds in range(1, (_QUICK_SEEDS if options.quick else _SEEDS) + 1):
+        figures = _figures(options, parts, seeds)
+        report(figures)
+    two = [_wanted(options, scene, options.seed) for scene in options.scenes[:2]]
+    if options.pictures or options.drones:
+        figures.overall["curves"] = curves(parts, two, options.pictures, options.drones)
+        report(figures)
+    if options.ablations:
+        figures.overall["ablations"] = ablations(parts, two)
+        report(figures)
+    return figures
+
+
+def _figures(options: Options, parts: Parts, seeds: int) -> Figures:
+    """Return the table of the first ``seeds`` seeds."""
+    runs, failed = _all_runs(options, parts, seeds)
     figures = Figures(
         {scene: _scene_figures(of_scene) for scene, of_scene in runs.items()}, _overall(runs)
     )
     if failed:
         figures.overall["failed_flights"] = failed
-    two = [_wanted(options, scene, options.seed) for scene in options.scenes[:2]]
-    if options.pictures or options.drones:
-        figures.overall["curves"] = curves(parts, two, options.pictures, options.drones)
-    if options.ablations:
-        figures.overall["ablations"] = ablations(parts, two)
-    if options.out is not None:
-        first = [w for scene in options.scenes for w in _wanted(options, scene, options.seed)]
-        Report(figures, found, options, first).write()
     return figures
 
 
-def _all_runs(options: Options, parts: Parts) -> tuple[dict[str, Runs], dict[str, str]]:
+def _all_runs(options: Options, parts: Parts, seeds: int) -> tuple[dict[str, Runs], dict[str, str]]:
     """Return the samples of every scene, one entry per seed, and which flights failed."""
-    seeds = _QUICK_SEEDS if options.quick else _SEEDS
     runs: dict[str, list[dict[str, Any]]] = {scene: [] for scene in options.scenes}
     failed: dict[str, str] = {}
-    # Seed after seed, so that a bench that is cut off has something of every scene.
     for seed in range(options.seed, options.seed + seeds):
         for scene in options.scenes:
             samples: dict[str, Any] = {}
-            for part in map(parts.measured, _wanted(options, scene, seed)):
+            for wanted in _wanted(options, scene, seed):
+                part = parts.measured(wanted, shown=seed == options.seed)
                 samples |= part["samples"]
                 if "failed" in part:
                     failed[part["name"]] = part["failed"]

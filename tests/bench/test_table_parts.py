@@ -56,9 +56,9 @@ class MadeUpParts(Parts):
 
     asked: list[str]
 
-    def _measure(self, wanted: Wanted) -> dict[str, Any]:
+    def _measure(self, wanted: Wanted, shown: bool) -> dict[str, Any]:
         self.asked = [*getattr(self, "asked", []), wanted.name]
-        if self._out is not None:
+        if shown and self._out is not None:
             for what in (*wanted.modes, "truth"):
                 strip = np.full((8, 12, 3), 99, np.uint8)
                 cv2.imwrite(str(strip_file(self._out, wanted, what)), strip)
@@ -149,6 +149,8 @@ def test_the_whole_bench_adds_up_and_writes_its_report(
     assert f"{mine['psnr_db']:.2f} ± {mine['psnr_db_sd']:.2f}" in text
     assert "17.67" in text  # The paper's own, beside it.
     assert "| annealing |" in text
+    # Three seeds, a curve, and a mission without each part: flights of two scenes.
+    assert re.search(r"measured at `[^`]+` \(26\)", text)
     linked = re.findall(r"\]\((results/[^)]+)\)", text)
     assert {Path(link).suffix for link in linked} == {".svg", ".jpg"}
     for link in linked:
@@ -161,10 +163,10 @@ def test_a_flight_that_failed_is_told_and_counts_nowhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Failing(MadeUpParts):
-        def _measure(self, wanted: Wanted) -> dict[str, Any]:
+        def _measure(self, wanted: Wanted, shown: bool) -> dict[str, Any]:
             if (wanted.flight, wanted.seed) == ("standard", 1):
                 return {"failed": "fell down", "samples": {}}
-            return super()._measure(wanted)
+            return super()._measure(wanted, shown)
 
     monkeypatch.setattr(table1, "Parts", Failing)
     figures = table1.run(Options(("guitar",), 0, False, False, "", tmp_path, False))

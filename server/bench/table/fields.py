@@ -50,7 +50,10 @@ class JudgedField:
     def per_view(self) -> dict[str, list[float | None]]:
         """Return every figure of every test view, None where the object is not in it."""
         told = [asdict(score) for score in self.scores]
-        return {name: [one[name] for one in told] for name in FIGURES}
+        return {
+            name: [None if one[name] is None else round(one[name], 4) for one in told]
+            for name in FIGURES
+        }
 
 
 def train_and_judge(

@@ -6,6 +6,7 @@ import json
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -30,6 +31,8 @@ from server.store.atomic import write_atomic
 _SURFACE_SAMPLES = 3000
 # Test views that are shown side by side: low to high, from all sides.
 _SHOWN = (0.05, 0.35, 0.65, 0.95)
+_STRIP_WIDTH_PX = 1200
+_JPEG = (int(cv2.IMWRITE_JPEG_QUALITY), 85)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +72,7 @@ class Wanted:
 
 
 class Parts:
-    """The finished parts of one bench."""
+    """The finished parts of one bench, in the folder ``results/parts`` of its ``out``."""
 
     def __init__(self, out: Path | None, *, resume: bool, threads: int, commit: str | None) -> None:
         """Build it; without a folder nothing is kept."""
@@ -79,32 +82,47 @@ class Parts:
         self._commit = commit
         self._known: dict[Wanted, dict[str, Any]] = {}
         if out is not None:
-            (out / "pictures").mkdir(parents=True, exist_ok=True)
+            for folder in ("parts", "pictures"):
+                (out / "results" / folder).mkdir(parents=True, exist_ok=True)
 
-    def measured(self, wanted: Wanted) -> dict[str, Any]:
-        """Return a flight's part: ``samples`` by mode; none, and why it ``failed``, if it did."""
+    def measured(self, wanted: Wanted, *, shown: bool = False) -> dict[str, Any]:
+        """Return a flight's part: ``samples`` by mode; none, and why it ``failed``, if it did.
+
+        Args:
+            wanted: The flight.
+            shown: Whether some renderings are kept to be looked at.
+        """
         if wanted not in self._known:
-            self._known[wanted] = self._kept(wanted) or self._measured_anew(wanted)
+            self._known[wanted] = self._kept(wanted) or self._measured_anew(wanted, shown)
         return self._known[wanted]
+
+    def commits(self) -> dict[str, int]:
+        """Return how many parts were measured at which commit."""
+        return dict(Counter(str(part["commit"]) for part in self._known.values()))
 
     def _kept(self, wanted: Wanted) -> dict[str, Any] | None:
         """Return the part of an earlier run, None if there is none or of something else."""
         if not self._resume or self._out is None:
             return None
-        file = self._out / f"table1-{wanted.name}.json"
+        file = self._file(self._out, wanted)
         part = json.loads(file.read_text()) if file.exists() else {}
         asked = json.loads(json.dumps(asdict(wanted)))
         return part if part.get("wanted") == asked else None
 
-    def _measured_anew(self, wanted: Wanted) -> dict[str, Any]:
+    def _measured_anew(self, wanted: Wanted, shown: bool) -> dict[str, Any]:
         print(f"table1: {wanted.name}", file=sys.stderr, flush=True)
         about = {"name": wanted.name, "wanted": asdict(wanted), "commit": self._commit}
-        part = about | self._measure(wanted)
+        part = about | self._measure(wanted, shown)
         if self._out is not None:
-            write_atomic(self._out / f"table1-{wanted.name}.json", json.dumps(part).encode())
+            text = json.dumps(part) + "\n"
+            write_atomic(self._file(self._out, wanted), text.encode())
         return part
 
-    def _measure(self, wanted: Wanted) -> dict[str, Any]:
+    @staticmethod
+    def _file(out: Path, wanted: Wanted) -> Path:
+        return out / "results" / "parts" / f"{wanted.name}.json"
+
+    def _measure(self, wanted: Wanted, shown: bool) -> dict[str, Any]:
         with tempfile.TemporaryDirectory(prefix="dronerf-table1-") as folder:
             try:
                 flown, seconds = _fly(wanted, Path(folder))
@@ -113,11 +131,14 @@ class Parts:
                 return {"failed": str(error), "samples": {}}
             seen = _surface_seen(flown, wanted)
             views = draw_views(load_object(wanted.scene), wanted.seed, wanted.views)
-            self._show(wanted, "truth", views.images_rgb)
-            samples = {
-                mode: self._sample(mode, wanted, flown, views, seconds) | {"surface_seen": seen}
-                for mode in wanted.modes
-            }
+            samples: dict[str, Any] = {}
+            pictures: dict[str, Sequence[NDArray[np.uint8]]] = {"truth": views.images_rgb}
+            for mode in wanted.modes:
+                sample, pictures[mode] = self._sample(mode, wanted, flown, views, seconds)
+                samples[mode] = sample | {"surface_seen": seen}
+        if shown and self._out is not None:
+            for what, images_rgb in pictures.items():
+                cv2.imwrite(str(strip_file(self._out, wanted, what)), _strip(images_rgb), _JPEG)
         return {"samples": samples}
 
     def _sample(
@@ -127,28 +148,30 @@ class Parts:
         flown: FlownCapture,
         views: HeldOutViews,
         seconds: dict[str, float],
-    ) -> dict[str, Any]:
+    ) -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
+        """Return a mode's sample and its renderings of the test views, RGB."""
         begun_s = time.monotonic()
         posed = posed_as(mode, flown, wanted.seed, self._threads, wanted.without)
         refine_s = time.monotonic() - begun_s
         judged = train_and_judge(
             posed, views, steps=wanted.steps, seed=wanted.seed, threads=self._threads
         )
-        self._show(wanted, mode, [(255.0 * rgb).astype(np.uint8) for rgb in judged.shown])
-        return _sample_of(posed, judged, flown, seconds | {"refine": refine_s})
-
-    def _show(self, wanted: Wanted, what: str, images_rgb: Sequence[NDArray[np.uint8]]) -> None:
-        """Keep some of the test views side by side."""
-        if self._out is None:
-            return
-        count = len(images_rgb)
-        strip = np.concatenate([images_rgb[int(share * count)] for share in _SHOWN], axis=1)
-        cv2.imwrite(str(strip_file(self._out, wanted, what)), strip[:, :, ::-1])
+        rendered = [(255.0 * rgb).astype(np.uint8) for rgb in judged.shown]
+        return _sample_of(posed, judged, flown, seconds | {"refine": refine_s}), rendered
 
 
 def strip_file(out: Path, wanted: Wanted, what: str) -> Path:
     """Return where a mode's renderings of some test views are, or those views' ``truth``."""
-    return out / "pictures" / f"{wanted.name}-{what}.jpg"
+    return out / "results" / "pictures" / f"{wanted.name}-{what}.jpg"
+
+
+def _strip(images_rgb: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return some of the test views side by side, BGR, a page wide."""
+    some = [images_rgb[int(share * len(images_rgb))] for share in _SHOWN]
+    beside = np.concatenate(some, axis=1)[:, :, ::-1]
+    height = round(beside.shape[0] * _STRIP_WIDTH_PX / beside.shape[1])
+    smaller = cv2.resize(beside, (_STRIP_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(smaller, np.uint8)
 
 
 def _fly(wanted: Wanted, folder: Path) -> tuple[FlownCapture, dict[str, float]]:

@@ -9,10 +9,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
-
 from server.bench.options import Figures, Options
 from server.bench.table.modes import EVERY_MODE
 from server.bench.table.parts import Wanted, strip_file
@@ -27,7 +23,6 @@ PAPER = {
 }
 LEAST_GAIN_DB, AIMED_GAIN_DB = 1.0, 3.0
 _ROWS = ("standard_paper", "standard_refined", "optimized", "truth")
-_LABEL_PX = 26
 _MEASURES = (
     "PSNR",
     "SSIM",
@@ -68,7 +63,7 @@ class Report:
 
     def write(self) -> None:
         """Write ``results.md`` and what it links to."""
-        self._folder.mkdir(exist_ok=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
         sections = [
             self._head(),
             self._table(),
@@ -90,12 +85,14 @@ class Report:
         command += "".join(f" --drones {n}" for n in self._options.drones)
         command += " --ablations" if self._options.ablations else ""
         gpu = found["gpu"] or "none"
+        measured = ", ".join(f"`{at}` ({count})" for at, count in found["measured_at"].items())
         return "\n".join(
             [
                 "# Results",
                 "",
                 f"Written by `{command}` at commit `{found['commit']}` on {found['cpu']},"
-                f" {found['cores']} cores, GPU {gpu}, Python {found['python']}.",
+                f" {found['cores']} cores, GPU {gpu}, Python {found['python']}."
+                f" Flights were measured at {measured}.",
                 "",
                 f"Every flight: {first.drones} simulated drones, {first.pictures} pictures; every"
                 f" field: {first.steps} training steps; judged on the same {first.views} test views"
@@ -225,35 +222,26 @@ class Report:
         return "\n\n".join([about, _markdown(("without", *_MEASURES), rows)])
 
     def _pictures(self) -> str:
-        shown = []
+        sheets: list[str] = []
         for scene in dict.fromkeys(wanted.scene for wanted in self._flights):
-            file = self._folder / f"{_name(scene)}.jpg"
-            flights = [wanted for wanted in self._flights if wanted.scene == scene]
-            if write_sheet(file, self._out, flights):
-                shown.append(f"{_name(scene)}:\n\n![{_name(scene)}](results/{file.name})")
-        if not shown:
+            strips = self._strips([one for one in self._flights if one.scene == scene])
+            if strips:
+                sheets.append(_markdown((_name(scene), "test views"), strips))
+        if not sheets:
             return ""
-        rows = ", ".join(_ROWS)
-        head = f"## Pictures\n\nTest views of the first seed; from top to bottom: {rows}."
-        return "\n\n".join([head, *shown])
+        head = "## Pictures\n\nFour of the test views of the first seed, from low to high."
+        return "\n\n".join([head, *sheets])
 
-
-def write_sheet(file: Path, out: Path, flights: Sequence[Wanted]) -> bool:
-    """Put the kept strips of a scene's modes and their truth one below the other.
-
-    Returns:
-        False when there is none.
-    """
-    strips: list[NDArray[np.uint8]] = []
-    for what in _ROWS:
-        flight = next((w for w in flights if what in w.modes), flights[0])
-        strip = cv2.imread(str(strip_file(out, flight, what)))
-        if strip is None:
-            continue
-        label = np.full((_LABEL_PX, strip.shape[1], 3), 255, np.uint8)
-        cv2.putText(label, what, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (30, 30, 30), 1)
-        strips += [label, np.asarray(strip, np.uint8)]
-    return bool(strips) and cv2.imwrite(str(file), np.concatenate(strips))
+    def _strips(self, flights: Sequence[Wanted]) -> list[tuple[str, str]]:
+        """Return the kept renderings of a scene's modes, and their truth, by name."""
+        found: list[tuple[str, str]] = []
+        for what in _ROWS:
+            flight = next((one for one in flights if what in one.modes), flights[0])
+            file = strip_file(self._out, flight, what)
+            if file.is_file():
+                link = file.relative_to(self._out).as_posix()
+                found.append((what, f"![{_name(flight.scene)}, {what}]({link})"))
+        return found
 
 
 def _cells(figures: Mapping[str, Any]) -> tuple[str, ...]:
