@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from server.bench.conditions import conditions
-from server.bench.options import Figures, Options
+from server.bench.options import CORES, Figures, Options
 from server.sim.meshes import SceneError
 from server.sim.scenes.catalogue import SCENES, load_object
 
@@ -29,6 +29,12 @@ _BENCHES = {
     "table1": "server.bench.table1",
     "video": "server.bench.video",
 }
+
+
+def _threads(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of threads")
+    return int(text)
 
 
 def main() -> int:
@@ -76,6 +82,14 @@ def main() -> int:
         help="table1: also the mission without each of its parts; instead of all else, nerf: the"
         " training without each of its switches, planner: the fitness without each of its terms",
     )
+    parser.add_argument(
+        "--threads",
+        type=_threads,
+        default=CORES,
+        metavar="N",
+        help="threads to compute with (default: one per core, %(default)s); give each of several"
+        " benches on one machine its own share, or they wait for one another",
+    )
     parser.add_argument("--out", type=Path, help="folder for pictures and finished parts")
     parser.add_argument("--resume", action="store_true", help="go on from the parts in --out")
     parser.add_argument("--json", action="store_true", help="print one JSON object on one line")
@@ -101,6 +115,7 @@ def main() -> int:
         pictures=tuple(arguments.pictures or ()),
         drones=tuple(arguments.drones or ()),
         ablations=arguments.ablations,
+        threads=arguments.threads,
     )
     try:
         for scene in options.scenes:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+CORES = os.cpu_count() or 1
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -26,6 +28,7 @@ class Options:
         pictures: For the table: counts of pictures to draw a curve over, none for no curve.
         drones: For the table: counts of drones likewise.
         ablations: For table, fields and planner: whether to leave out each part in turn.
+        threads: To compute with, unless more of them is what is measured.
     """
 
     scenes: tuple[str, ...]
@@ -38,11 +41,7 @@ class Options:
     pictures: tuple[int, ...] = ()
     drones: tuple[int, ...] = ()
     ablations: bool = False
-
-    @property
-    def threads(self) -> int:
-        """Threads to compute with: all the machine has."""
-        return os.cpu_count() or 1
+    threads: int = CORES
 
 
 @dataclass(frozen=True, slots=True)
