@@ -137,7 +137,7 @@ def _write_page(out: Path) -> None:
         "",
     ]
     for film in sorted(out.glob("*.webp")):
-        lines += [f"## {film.stem.title()}", "", f"![{film.stem}]({film.name})", ""]
+        lines += [f"## Film: {film.stem}", "", f"![{film.stem}]({film.name})", ""]
     for screen in (*_IN_FLIGHT, *_IN_TRAINING, *_AFTER):
         names = [f"{screen}-{scheme}-{size}" for size in _SIZES for scheme in _SCHEMES]
         there = [name for name in names if (out / f"{name}.jpg").exists()]

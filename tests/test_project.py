@@ -252,3 +252,9 @@ def test_the_table_of_failsafes_is_the_one_that_flies() -> None:
         told |= {(event, action, float(cell)) for action, cell in thresholds if cell.strip()}
     assert len(rows) == len(fields(FailsafeTable)), "each event has one row"
     assert told == {(row.event, row.action, row.threshold) for row in FailsafeTable().rows()}
+
+
+def test_the_readme_tells_who_may_import_whom() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
+    (layers,) = [one["layers"] for one in contracts["contracts"] if one["type"] == "layers"]
+    assert f"`{' > '.join(layers)}`" in README
