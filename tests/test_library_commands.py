@@ -9,8 +9,10 @@ from server.app import StartError
 from server.library_commands import run_library
 
 
-def _run(runs, action, as_json=True):
-    return run_library(argparse.Namespace(action=action, runs=runs, json=as_json))
+def _run(runs, action, *names, as_json=True):
+    return run_library(
+        argparse.Namespace(action=action, names=list(names), runs=runs, json=as_json)
+    )
 
 
 @pytest.fixture
@@ -43,11 +45,33 @@ def test_list_shows_every_run(runs, capsys):
 def test_prune_keeps_everything_unless_told_otherwise(runs, capsys, monkeypatch):
     assert _run(runs, "prune") == 0
     assert json.loads(capsys.readouterr().out) == {"deleted": []}
-    (runs / "train-2" / "starred").touch()
+    assert _run(runs, "star", "train-2") == 0
+    assert json.loads(capsys.readouterr().out) == {"starred": ["train-2"]}
     monkeypatch.setenv("DRONERF_RETENTION__QUOTA_BYTES", "0")
     _run(runs, "prune")
     assert json.loads(capsys.readouterr().out) == {"deleted": ["train-1"]}
     assert not (runs / "train-1").exists()
+
+
+def test_a_star_can_be_taken_back(runs, capsys):
+    _run(runs, "star", "train-1", "train-2", as_json=False)
+    assert capsys.readouterr().out == "starred train-1\nstarred train-2\n"
+    _run(runs, "list", as_json=False)
+    assert capsys.readouterr().out.count("MB  starred") == 2
+    _run(runs, "unstar", "train-1")
+    assert json.loads(capsys.readouterr().out) == {"unstarred": ["train-1"]}
+    assert [(runs / name / "starred").exists() for name in ("train-1", "train-2")] == [False, True]
+
+
+def test_a_star_for_a_run_that_is_not_there_stars_nothing(runs):
+    for wrong in ("train-9", "../" + runs.name):
+        with pytest.raises(StartError, match=wrong):
+            _run(runs, "star", "train-1", wrong)
+    assert not (runs / "train-1" / "starred").exists()
+    with pytest.raises(StartError, match="needs at least one RUN"):
+        _run(runs, "star")
+    with pytest.raises(StartError, match="takes no RUN"):
+        _run(runs, "list", "train-1")
 
 
 def test_a_bad_database_is_told_in_one_line_without_its_password(runs, monkeypatch):

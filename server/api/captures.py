@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import datetime
+from pathlib import Path
 from typing import Annotated, cast
 from urllib.parse import quote
 
@@ -27,6 +28,7 @@ from server.mission.commands import (
 )
 from server.mission.events import FieldView
 from server.store.deletion import StillTrainedError
+from server.store.runs import is_starred, star_run
 
 _PREFIX = "/api/v1/captures"
 # What people call a capture becomes part of a folder's name: no separators, no control characters.
@@ -104,6 +106,7 @@ class CaptureView(BaseModel):
     started_at: datetime
     updated_at: datetime
     metrics: dict[str, object] | None
+    starred: bool
 
 
 def view_from_record(record: CaptureRecord) -> CaptureView:
@@ -129,6 +132,7 @@ def view_from_record(record: CaptureRecord) -> CaptureView:
         started_at=record.started_at,
         updated_at=status.at,
         metrics=cast("dict[str, object] | None", metrics),
+        starred=is_starred(Path(status.run)),
     )
 
 
@@ -207,6 +211,28 @@ def make_captures_router(
                 raise RefusedError(str(error)) from error
         return Response(status_code=204)
 
+    @router.put(
+        "/{capture_id}/star",
+        operation_id="starCapture",
+        status_code=204,
+        responses=described(404, 409),
+    )
+    async def star_capture(capture_id: str) -> Response:
+        """Keep it: retention deletes no capture with a star."""
+        _star(mission.capture(capture_id), True)
+        return Response(status_code=204)
+
+    @router.delete(
+        "/{capture_id}/star",
+        operation_id="unstarCapture",
+        status_code=204,
+        responses=described(404, 409),
+    )
+    async def unstar_capture(capture_id: str) -> Response:
+        """Let retention have it again."""
+        _star(mission.capture(capture_id), False)
+        return Response(status_code=204)
+
     @router.get("/{capture_id}/metrics", operation_id="getCaptureMetrics", responses=described(404))
     async def get_metrics(capture_id: str) -> dict[str, object]:
         """Return how well held-out pictures were reproduced, once that was measured."""
@@ -275,3 +301,10 @@ def make_captures_router(
         return view_from_record(await mission.abort_capture(capture_id))
 
     return router
+
+
+def _star(record: CaptureRecord, starred: bool) -> None:
+    try:
+        star_run(Path(record.status.run), starred)
+    except OSError as error:
+        raise RefusedError(f"{record.status.run}: {error.strerror}") from error

@@ -35,8 +35,8 @@ from server.api.problems import problem_response
 from server.api.sessions import Sessions
 
 OPEN_PATHS = frozenset({"/livez", "/readyz"})
-# A view of a field that is given up leaves the orbit, and nothing is lost.
-_FIELD_VIEW = re.compile(r"/api/v1/captures/[^/]+/view")
+# What is taken back here can be set again: no file is lost with it.
+_TAKEN_BACK = re.compile(r"/api/v1/captures/[^/]+/(view|star)")
 _SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _DEFAULT_PORTS = {"http": ":80", "https": ":443", "ws": ":80", "wss": ":443"}
 _LOGIN_BODY_LIMIT = 4096
@@ -49,7 +49,7 @@ def needed_role(method: str, path: str) -> Role:
     if method in _SAFE_METHODS or method == "WEBSOCKET":
         return "viewer"
     deletes = method == "DELETE" and path.startswith("/api/v1/captures/")
-    return "admin" if deletes and _FIELD_VIEW.fullmatch(path) is None else "operator"
+    return "admin" if deletes and _TAKEN_BACK.fullmatch(path) is None else "operator"
 
 
 class TooManyAttemptsError(Exception):

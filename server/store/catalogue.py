@@ -20,10 +20,9 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
-from server.store.atomic import write_atomic
 from server.store.config import RetentionConfig
 from server.store.database import catalogue_url, open_engine, runs_table
-from server.store.row import STAR, UNFINISHED, RunRow, read_row
+from server.store.row import UNFINISHED, RunRow, read_row
 from server.store.runs import clear_deleted, delete_run
 
 logger = logging.getLogger(__name__)
@@ -163,21 +162,6 @@ class Catalogue:
                 for run_id in gone:
                     connection.execute(sa.delete(runs_table).where(runs_table.c.id == run_id))
         return Rescan(len(found), len(added), len(changed), len(gone))
-
-    def star(self, run_id: str, starred: bool) -> RunRow:
-        """Mark a run to be kept, or no longer; raises KeyError for an unknown one."""
-        folder = self._folder(run_id)
-        with self._writing:
-            if self.get(run_id) is None or not folder.is_dir():
-                raise KeyError(run_id)
-            if starred:
-                write_atomic(folder / STAR, b"")
-            else:
-                (folder / STAR).unlink(missing_ok=True)
-            row = self.refresh(run_id)
-        if row is None:
-            raise KeyError(run_id)
-        return row
 
     def delete(self, run_id: str) -> None:
         """Delete a run's folder and row.

@@ -14,11 +14,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from server.store.runs import RunFolder, begun_at
+from server.store.runs import STAR, RunFolder, begun_at, is_starred
 from server.store.trained_now import SILENCE_S, is_trained_now
 from server.store.trainings import Training, read_training
 
-STAR = "starred"
 UNFINISHED = ("queued", "running", "paused")
 
 _FIGURES = ("psnr_db", "psnr_db_object", "ssim", "flip", "samples_per_s", "images_held_out")
@@ -92,7 +91,7 @@ def read_row(folder: Path) -> RunRow | None:
         metrics=figures,
         thumbnail=shown[0] if shown else None,
         size_bytes=size_bytes,
-        starred=(folder / STAR).exists(),
+        starred=is_starred(folder),
     )
 
 

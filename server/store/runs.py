@@ -29,6 +29,8 @@ from server.store.atomic import write_atomic
 from server.vision.region import full_mask
 
 STATE = "capture.json"
+# An empty file: somebody wants the run kept.
+STAR = "starred"
 # A training anew has the first of these from its beginning, or from its end alone.
 _TRAINED = ("jobs/reconstruct/spec.json", "training.json", "metrics.json")
 _DOOMED = ".deleting-"
@@ -174,6 +176,23 @@ def list_runs(root: Path) -> list[RunFolder]:
     told = (path.parent for path in root.glob(f"*/{STATE}"))
     found = [RunFolder(folder) for folder in told if not folder.name.startswith(".")]
     return sorted(found, key=lambda run: run.id, reverse=True)
+
+
+def is_starred(folder: Path) -> bool:
+    """Return whether somebody wants a run kept."""
+    return (folder / STAR).exists()
+
+
+def star_run(folder: Path, starred: bool) -> None:
+    """Mark a run to be kept, or no longer: retention never takes one that is marked.
+
+    Raises:
+        FileNotFoundError: If the folder is gone.
+    """
+    if starred:
+        write_atomic(folder / STAR, b"")
+    else:
+        (folder / STAR).unlink(missing_ok=True)
 
 
 def delete_run(folder: Path) -> None:

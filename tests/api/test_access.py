@@ -84,6 +84,7 @@ async def test_only_an_admin_deletes(console: Console) -> None:
         is_problem(await client.delete("/api/v1/captures/run-1/trainings/one"), 403)
         # To look at the field from the orbit again deletes nothing.
         is_problem(await client.delete("/api/v1/captures/run-1/view"), 409)
+        assert (await client.delete("/api/v1/captures/run-1/star")).status_code == 204
         assert (await client.post("/api/v1/fleet/hold")).status_code == 202
     async with as_role(console, "admin") as client:
         assert (await client.delete("/api/v1/captures/run-1")).status_code == 204

@@ -332,6 +332,19 @@ async def test_a_capture_is_deleted_once_it_is_over(console: Console) -> None:
         assert (await client.get("/api/v1/captures")).json() == []
 
 
+async def test_a_capture_keeps_its_star_until_it_is_taken_back(console: Console) -> None:
+    folder = console.mission.runs / "run-1"
+    folder.mkdir(parents=True)
+    console.mission.keep(replace(capture_changed("run-1", "succeeded"), run=str(folder)))
+    async with console.client() as client:
+        for method, starred in (("PUT", True), ("PUT", True), ("DELETE", False), ("DELETE", False)):
+            answer = await client.request(method, "/api/v1/captures/run-1/star")
+            assert answer.status_code == 204
+            assert (folder / "starred").exists() is starred
+            assert (await client.get("/api/v1/captures/run-1")).json()["starred"] is starred
+        is_problem(await client.put("/api/v1/captures/run-9/star"), 404)
+
+
 async def test_the_floor_plan_says_where_each_drone_stands(console: Console) -> None:
     async with console.client() as client:
         plan = (await client.get("/api/v1/fleet")).json()

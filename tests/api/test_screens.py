@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -93,9 +94,8 @@ def furnish(console: Console) -> None:
         psnr_db = 21.5 if run == "run-1" else 19.25
         metrics = {"psnr_db": psnr_db, "ssim": 0.61, "flip": 0.2, "images": 24}
         judged = {**metrics, "images_held_out": 3} if state != "running" else None
-        mission.keep(
-            capture_changed(run, state, "fly" if state == "running" else "done"), None, judged
-        )
+        changed = capture_changed(run, state, "fly" if state == "running" else "done")
+        mission.keep(replace(changed, run=str(folder)), None, judged)
     run = mission.runs / "run-1"
     (run / "held_out").mkdir()
     (run / "held_out/0000.jpg").write_bytes(jpeg(grey=220))
@@ -258,6 +258,14 @@ async def test_captures_are_looked_at_compared_and_deleted(
         async with page.expect_download() as waiting:
             await page.get_by_role("link", name="capture.json").click()
         assert (await waiting.value).suggested_filename == "capture.json"
+        star = page.get_by_test_id("star-capture")
+        await expect(star).to_have_attribute("aria-pressed", "false")
+        await star.click()
+        await expect(star).to_have_attribute("aria-pressed", "true")
+        await expect(page.get_by_test_id("kept-run-2")).to_be_visible()
+        assert (console.mission.runs / "run-2" / "starred").exists()
+        await star.click()
+        await expect(page.get_by_test_id("kept-run-2")).to_have_count(0)
         delete = page.get_by_test_id("delete-capture")
         await delete.click()
         await expect(delete).to_have_text("Delete for good?")

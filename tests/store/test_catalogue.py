@@ -15,6 +15,7 @@ import pytest
 from server.store.catalogue import Catalogue
 from server.store.config import RetentionConfig
 from server.store.database import CATALOGUE_FILE, catalogue_url, open_engine, runs_table
+from server.store.runs import star_run
 
 _NOON = datetime(2026, 5, 1, 12, tzinfo=UTC)
 
@@ -43,6 +44,11 @@ def _ids(page):
 def catalogue(tmp_path, database_url):
     with Catalogue(tmp_path, database_url) as opened:
         yield opened
+
+
+def starred(catalogue, folder):
+    star_run(folder, True)
+    catalogue.refresh(folder.name)
 
 
 def test_a_row_says_what_the_folder_says(tmp_path, catalogue):
@@ -79,7 +85,7 @@ def test_a_lost_catalogue_is_built_again_from_the_folders(tmp_path, catalogue):
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "capture.json").write_text('{"id": "bro')
     assert catalogue.rescan().added == 5
-    catalogue.star("run-3", True)
+    starred(catalogue, tmp_path / "run-3")
     before = catalogue.page()
     with catalogue._engine.begin() as connection:
         connection.execute(runs_table.delete())
@@ -128,7 +134,7 @@ def test_filters_pick_rows(tmp_path, catalogue):
     _make_run(tmp_path, "good")
     _make_run(tmp_path, "bad", state="failed")
     catalogue.rescan()
-    catalogue.star("good", True)
+    starred(catalogue, tmp_path / "good")
     assert _ids(catalogue.page(state="failed")) == ["bad"]
     assert _ids(catalogue.page(starred=True)) == ["good"]
     assert _ids(catalogue.page(kind="training")) == []
@@ -190,7 +196,7 @@ def test_the_quota_takes_the_oldest_that_nobody_needs(tmp_path, catalogue):
         state = "running" if number == 1 else "succeeded"
         _make_run(tmp_path, f"run-{number}", minutes=number, size=100_000, state=state)
     catalogue.rescan()
-    catalogue.star("run-0", True)
+    starred(catalogue, tmp_path / "run-0")
     quota = RetentionConfig(quota_bytes=410_000)
     assert catalogue.retain(quota, live=frozenset({"run-2"})) == ["run-3", "run-4"]
     assert catalogue.retain(quota) == []

@@ -10,7 +10,7 @@ import {
 import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
 import { cancelJob, startTraining, type TrainingWish } from "./api/jobs";
-import { deleteCapture } from "./api/library";
+import { deleteCapture, starCapture } from "./api/library";
 import { addNoGo, changeNoGo, dropNoGo } from "./api/noGo";
 import { addPriority, dropPriority, pickObject, searchObject } from "./api/objects";
 import { choosePlanView, type ShownPlan } from "./api/plans";
@@ -205,6 +205,14 @@ export class Operator {
   /** Choose what the 3D scene shows, for everybody; false, and an alarm, when it was refused. */
   choosePlanView(shown: ShownPlan): Promise<boolean> {
     return this.#carryOut(() => choosePlanView(shown), words.plan.viewFailed);
+  }
+
+  /** Keep a capture, or no longer; false, and an alarm, when it was refused. */
+  async starCapture(captureId: string, starred: boolean): Promise<boolean> {
+    return this.#carryOut(
+      () => starCapture(captureId, starred),
+      (reason) => words.library.starFailed(captureId, reason),
+    );
   }
 
   /** Delete a capture and its files; false, and an alarm, when it was refused. */

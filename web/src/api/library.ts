@@ -68,6 +68,14 @@ export async function getTrainingLog(captureId: string): Promise<string> {
   return requestText(artifactPath(captureId, TRAINING_LOG));
 }
 
+/** Keep a capture, whatever retention would delete, or no longer. @throws RequestError */
+export async function starCapture(captureId: string, starred: boolean): Promise<void> {
+  const path = { capture_id: captureId };
+  await (starred
+    ? call("PUT /captures/{capture_id}/star", { path })
+    : call("DELETE /captures/{capture_id}/star", { path }));
+}
+
 /** Delete a capture and its files for good. @throws RequestError */
 export async function deleteCapture(captureId: string): Promise<void> {
   await call("DELETE /captures/{capture_id}", { path: { capture_id: captureId }, timeoutMs: LONG_WORK_MS });

@@ -1,6 +1,7 @@
 import type { CaptureEntry } from "../api/library";
 import { CheckBox } from "../design/CheckBox";
 import { decimal, moment } from "../design/format";
+import { Icon } from "../design/Icon";
 import { hashOfScreen } from "../shell/screens";
 import { words } from "../text/words";
 import { CaptureChip } from "../mission/CaptureStatus";
@@ -38,6 +39,12 @@ export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCar
           <span>{modeWord(entry.mode)}</span>
           <span>{text.pictures(entry.images, entry.images_total)}</span>
           {psnr !== null && <strong>{decimal(psnr, 2)} dB</strong>}
+          {entry.starred && (
+            <span className="chip" data-testid={`kept-${entry.id}`}>
+              <Icon name="star" />
+              {text.starred}
+            </span>
+          )}
         </span>
       </div>
       <label className="mark">

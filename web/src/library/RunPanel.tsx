@@ -76,42 +76,69 @@ export function RunPanel({ entry, marks, onChanged }: RunPanelProps) {
           <KnownLength key={`scale-${entry.id}`} captureId={entry.id} pictures={entry.images} />
         )}
         {files !== null && <Files files={files} />}
-        {!isActiveState(entry.state) && (
-          <div className="run-actions">
-            {canGoOn(entry) && <GoOnButton captureId={entry.id} onChanged={onChanged} />}
-            <ConfirmButton
-              className="button-danger"
-              testId="delete-capture"
-              // The question says how many fields go with it: known at all, and asked for anew.
-              disabled={deleting || trainings.value === null || trainings.error !== null}
-              onPress={trainings.again}
-              ready={!trainings.asking}
-              label={
-                <>
-                  <Icon name="trash" />
-                  {text.delete}
-                </>
-              }
-              confirm={
-                <>
-                  <Icon name="trash" />
-                  {anew.length === 0 ? text.deleteConfirm : text.deleteWithFields(anew.length)}
-                </>
-              }
-              onConfirm={() => {
-                const done = operator.deleteCapture(entry.id).then((deleted) => {
-                  if (!deleted) return;
-                  location.hash = hashOfScreen("library");
-                  onChanged();
-                });
-                followDeletion(done);
-              }}
-            />
-            {deleting && <Waiting what={text.deleting(files?.length ?? null)} mostMs={LONG_WORK_MS} />}
-          </div>
-        )}
+        <div className="run-actions">
+          <StarButton entry={entry} onChanged={onChanged} />
+          {!isActiveState(entry.state) && (
+            <>
+              {canGoOn(entry) && <GoOnButton captureId={entry.id} onChanged={onChanged} />}
+              <ConfirmButton
+                className="button-danger"
+                testId="delete-capture"
+                // The question says how many fields go with it: known at all, and asked for anew.
+                disabled={deleting || trainings.value === null || trainings.error !== null}
+                onPress={trainings.again}
+                ready={!trainings.asking}
+                label={
+                  <>
+                    <Icon name="trash" />
+                    {text.delete}
+                  </>
+                }
+                confirm={
+                  <>
+                    <Icon name="trash" />
+                    {anew.length === 0 ? text.deleteConfirm : text.deleteWithFields(anew.length)}
+                  </>
+                }
+                onConfirm={() => {
+                  const done = operator.deleteCapture(entry.id).then((deleted) => {
+                    if (!deleted) return;
+                    location.hash = hashOfScreen("library");
+                    onChanged();
+                  });
+                  followDeletion(done);
+                }}
+              />
+              {deleting && <Waiting what={text.deleting(files?.length ?? null)} mostMs={LONG_WORK_MS} />}
+            </>
+          )}
+        </div>
       </div>
     </Panel>
+  );
+}
+
+function StarButton({ entry, onChanged }: { readonly entry: CaptureEntry; readonly onChanged: () => void }) {
+  const operator = useOperator();
+  const [asking, follow] = useUnderWay();
+  return (
+    <button
+      type="button"
+      className="button"
+      aria-pressed={entry.starred}
+      data-testid="star-capture"
+      title={words.library.starHint}
+      disabled={asking}
+      onClick={() => {
+        const done = operator.starCapture(entry.id, !entry.starred).then((changed) => {
+          if (changed) onChanged();
+        });
+        follow(done);
+      }}
+    >
+      <Icon name="star" />
+      {words.library.star}
+    </button>
   );
 }
 

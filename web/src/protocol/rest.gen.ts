@@ -100,6 +100,7 @@ export interface CaptureView {
   readonly started_at: string;
   readonly updated_at: string;
   readonly metrics: Readonly<Record<string, unknown>> | null;
+  readonly starred: boolean;
 }
 
 /** One item of the checklist. ``key`` is the name an override has to use; ``drone_id`` is null for the console itself; a ``final`` item cannot be overridden. */
@@ -485,6 +486,10 @@ export interface Routes {
   readonly "GET /captures/{capture_id}": { readonly query: undefined; readonly body: undefined; readonly answer: CaptureView };
   /** Delete a capture that is over, its files and the fields trained anew on it, for good. */
   readonly "DELETE /captures/{capture_id}": { readonly query: undefined; readonly body: undefined; readonly answer: undefined };
+  /** Keep it: retention deletes no capture with a star. */
+  readonly "PUT /captures/{capture_id}/star": { readonly query: undefined; readonly body: undefined; readonly answer: undefined };
+  /** Let retention have it again. */
+  readonly "DELETE /captures/{capture_id}/star": { readonly query: undefined; readonly body: undefined; readonly answer: undefined };
   /** Return how well held-out pictures were reproduced, once that was measured. */
   readonly "GET /captures/{capture_id}/metrics": { readonly query: undefined; readonly body: undefined; readonly answer: Readonly<Record<string, unknown>> };
   /** Hold position and stop the mission's clock. */

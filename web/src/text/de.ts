@@ -607,6 +607,10 @@ export const de: Catalogue = {
     folder: (name, files) => `${name} (${files})`,
     resume: "Training fortsetzen",
     resumeHint: "Trainiert mit den aufgenommenen Bildern von dort, wo das Training endete",
+    star: "Behalten",
+    starHint: "Eine behaltene Aufnahme wird weder aus Platzmangel noch ihres Alters wegen gelöscht",
+    starred: "Behalten",
+    starFailed: (id: string, reason: string) => `${id} blieb, wie sie war: ${reason}`,
     delete: "Löschen",
     deleteConfirm: "Endgültig löschen?",
     deleteWithFields: (fields) =>

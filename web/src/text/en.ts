@@ -611,6 +611,10 @@ export const en = {
     folder: (name: string, files: number) => `${name} (${files})`,
     resume: "Go on with the training",
     resumeHint: "Trains with the pictures that were taken, from where the training stopped",
+    star: "Keep",
+    starHint: "A kept capture is never deleted to make room or because of its age",
+    starred: "Kept",
+    starFailed: (id: string, reason: string) => `${id} was left as it was: ${reason}`,
     delete: "Delete",
     deleteConfirm: "Delete for good?",
     deleteWithFields: (fields: number) =>
