@@ -47,7 +47,7 @@ export function FloorPlanPanel({ plan, error, checks, onCalibrate }: FloorPlanPa
             ))}
           </ol>
           <p className="hint">{text.limits(plan.fence_radius_m.toFixed(1), plan.ceiling_m.toFixed(1))}</p>
-          <table className="table fleet" data-testid="fleet">
+          <table className="table" data-testid="fleet">
             <caption>{text.fleet}</caption>
             <thead>
               <tr>
