@@ -34,7 +34,7 @@ import { words } from "./text/words";
 import { shouldDecode } from "./video/codedVideo";
 
 /** The word on each stop's button. */
-export const STOP_WORD: Readonly<Record<Stop, string>> = {
+const STOP_WORD: Readonly<Record<Stop, string>> = {
   hold: words.stop.hold.word,
   land: words.stop.land.word,
   cut_motors: words.stop.cut.word,
