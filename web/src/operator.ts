@@ -7,7 +7,6 @@ import {
   type CaptureRequest,
   type CaptureVerb,
 } from "./api/captures";
-import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
 import { cancelJob, startTraining, type TrainingWish } from "./api/jobs";
 import { deleteCapture } from "./api/library";
@@ -17,6 +16,7 @@ import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
 import { scaleCapture, type KnownLengthWish, type ScaleFound } from "./api/scale";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
+import { clientId } from "./api/tabId";
 import { deleteTraining } from "./api/trainings";
 import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
