@@ -5,7 +5,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch } from "../floor/FloorSketch";
 import { activityFace, isFlying } from "../fly/activity";
-import { markedArea } from "../room/marked";
+import { markedArea } from "../noGo/marked";
 import { words } from "../text/words";
 import { CalibrationTable } from "./CalibrationTable";
 
