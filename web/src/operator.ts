@@ -7,7 +7,6 @@ import {
   type CaptureRequest,
   type CaptureVerb,
 } from "./api/captures";
-import { clientId } from "./api/client";
 import { commandDrone, type DroneCommand } from "./api/drones";
 import { cancelJob, startTraining, type TrainingWish } from "./api/jobs";
 import { deleteCapture, starCapture } from "./api/library";
@@ -17,14 +16,15 @@ import { choosePlanView, type ShownPlan } from "./api/plans";
 import { RequestError } from "./api/request";
 import { scaleCapture, type KnownLengthWish, type ScaleFound } from "./api/scale";
 import { stopFleet, STOP_ATTEMPTS, type Stop } from "./api/stops";
+import { clientId } from "./api/tabId";
 import { deleteTraining } from "./api/trainings";
 import { Command, type CommandMemory } from "./command/command";
 import { startWorkerPulse } from "./command/pulse";
+import type { FloorArea } from "./floor/area";
 import { anyFlying } from "./fly/activity";
 import { TileHub } from "./fly/tileHub";
 import type { Sticks } from "./manual/sticks";
 import type { Place, ShareBox } from "./pick/box";
-import type { FloorArea } from "./room/area";
 import type { FieldView } from "./reconstruct/fieldView";
 import { ConsoleStream, streamUrl } from "./protocol/stream";
 import type { Note } from "./protocol/messages.gen";
@@ -34,7 +34,7 @@ import { words } from "./text/words";
 import { shouldDecode } from "./video/codedVideo";
 
 /** The word on each stop's button. */
-export const STOP_WORD: Readonly<Record<Stop, string>> = {
+const STOP_WORD: Readonly<Record<Stop, string>> = {
   hold: words.stop.hold.word,
   land: words.stop.land.word,
   cut_motors: words.stop.cut.word,

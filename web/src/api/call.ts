@@ -2,8 +2,8 @@ import type { Routes } from "../protocol/rest.gen";
 import { request, requestAll } from "./request";
 
 /** Method and path as the server's own routes have it: `POST /captures/{capture_id}/pause`. */
-export type Route = keyof Routes;
-export type Answer<R extends Route> = Routes[R]["answer"];
+type Route = keyof Routes;
+type Answer<R extends Route> = Routes[R]["answer"];
 
 /** The paths that know a method. */
 export type PathOf<Method extends string> = Route extends infer R

@@ -26,13 +26,10 @@ export interface RunMetrics {
 export interface CaptureFile {
   readonly seconds?: Readonly<Record<string, number>>;
   readonly request?: { readonly train_seconds?: number; readonly seed?: number };
-  readonly dropped?: Readonly<Record<string, string>>;
 }
 
 /** How sure the refinement is of each still's pose, as `poses.json` of a run folder tells. */
 export interface RefinedPose {
-  readonly file: string;
-  readonly refined: boolean;
   readonly sigma_m: number;
   readonly sigma_deg: number;
 }

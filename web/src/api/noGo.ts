@@ -1,4 +1,4 @@
-import type { FloorArea } from "../room/area";
+import type { FloorArea } from "../floor/area";
 import { call } from "./call";
 
 /** Let no drone enter a column of the room. @throws RequestError */

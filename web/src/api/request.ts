@@ -1,5 +1,5 @@
 import { BASE } from "./base";
-import { CLIENT_HEADER, clientId } from "./client";
+import { CLIENT_HEADER, clientId } from "./tabId";
 import { words } from "../text/words";
 
 /** A request that was not carried out; the text is for the operator. */

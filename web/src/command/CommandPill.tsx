@@ -1,5 +1,5 @@
 import { useEffect } from "react";
-import { clientId } from "../api/client";
+import { clientId } from "../api/tabId";
 import { useConsole, useOperator } from "../context";
 import { ConfirmButton } from "../design/ConfirmButton";
 import { Icon } from "../design/Icon";

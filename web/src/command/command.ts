@@ -2,7 +2,7 @@ import type { Store } from "../state/store";
 import type { Pulse, StartPulse } from "./pulse";
 
 /** The part of the stream that command needs. */
-export interface CommandLine {
+interface CommandLine {
   sendHeartbeat(): void;
   /** False when there is no line to say it on. */
   releaseCommand(): boolean;

@@ -79,5 +79,5 @@ export function Plot({ data, options, version = "", label, className = "" }: Plo
     };
   }, [version]);
 
-  return <div ref={host} className={`plot ${className}`} role="img" aria-label={label} />;
+  return <div ref={host} className={className} role="img" aria-label={label} />;
 }

@@ -3,7 +3,7 @@ import type { DroneReport, FailsafeReport } from "../protocol/messages.gen";
 import { activityFace, isFlying } from "../fly/activity";
 import type { DroneState } from "../state/state";
 
-export type Action = FailsafeReport["action"];
+type Action = FailsafeReport["action"];
 
 const RANK: Readonly<Record<Action, number>> = { hold: 0, land: 1, land_all: 2, cut: 3 };
 
@@ -49,7 +49,7 @@ export function firesNow(fired: FailsafeReport, drone: DroneState | undefined, n
 }
 
 /** What a tile tells of the failsafes of its drone. */
-export interface TileNews {
+interface TileNews {
   readonly fired: FailsafeReport;
   readonly now: boolean;
 }

@@ -1,6 +1,6 @@
 import { useRef } from "react";
-import type { FloorArea, FloorPoint } from "../room/area";
-import { useFloorGesture, type FloorDrawing, type MarkedArea } from "../room/useFloorGesture";
+import type { FloorArea, FloorPoint } from "./area";
+import { useFloorGesture, type FloorDrawing, type MarkedArea } from "./useFloorGesture";
 
 /** Something with a place and a heading on the floor, world metres and radians. */
 export interface Spot {

@@ -12,7 +12,7 @@ const OLD_S = 1;
 const GONE_S = 3;
 
 /** A drone's live picture, as it is drawn and as it stands. */
-export interface LiveTile {
+interface LiveTile {
   readonly canvas: RefObject<HTMLCanvasElement | null>;
   readonly stats: TileStats;
   readonly wanted: boolean;

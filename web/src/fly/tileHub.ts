@@ -1,7 +1,7 @@
 import type { Tile } from "../protocol/tile";
 
 /** Shows one drone's picture; settles when it is on the screen. */
-export type TileSink = (tile: Tile) => Promise<void>;
+type TileSink = (tile: Tile) => Promise<void>;
 
 /**
  * Brings pictures to the tile that shows them, past React: twenty pictures a second and drone

@@ -1,10 +1,10 @@
 import { useEffect, useRef, useState, type KeyboardEvent, type PointerEvent } from "react";
 
 /** Long enough to be meant, short enough for an emergency. The stylesheet's fill takes as long. */
-export const HOLD_TO_CONFIRM_MS = 1000;
+const HOLD_TO_CONFIRM_MS = 1000;
 
 /** Where a press stands; `released` too early, or `done` once it acted. */
-export type Press = "idle" | "pressing" | "released" | "done";
+type Press = "idle" | "pressing" | "released" | "done";
 
 /** Act only after pointer or Enter key was held for `HOLD_TO_CONFIRM_MS`; letting go takes it back. */
 export function useHoldToConfirm(act: () => void) {

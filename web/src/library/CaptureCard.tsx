@@ -54,7 +54,7 @@ export function CaptureCard({ entry, current, marked, full, onMark }: CaptureCar
           testId={`mark-${entry.id}`}
           onChange={onMark}
         />
-        <span className="mark-word">{text.mark}</span>
+        <span>{text.mark}</span>
         <span className="sr-only"> {name}</span>
       </label>
     </li>

@@ -43,7 +43,7 @@ function Pictures({ a, b }: Pair) {
   const text = words.library;
   const shown = chosen === "" ? (films ? FILM : "preview.jpg") : chosen;
   return (
-    <div className="compare-pictures">
+    <div>
       {shown === FILM ? (
         <FilmPair a={a.id} b={b.id} altA={text.film(a.name)} altB={text.film(b.name)} />
       ) : (

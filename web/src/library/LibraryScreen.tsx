@@ -58,7 +58,7 @@ export function LibraryScreen({ captureId }: { readonly captureId: string }) {
           )}
         </Panel>
       </div>
-      <div className="column column-run">
+      <div className="column">
         {first === undefined ? (
           <Panel title={text.look} className="run">
             <p className="empty">

@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "react";
-import { clientId } from "../api/client";
+import { clientId } from "../api/tabId";
 import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";

@@ -4,7 +4,7 @@ import { isNeutral, NEUTRAL, sticksOfPad, sticksOfPushes, type Pad, type Push, t
 const EVERY_MS = 100;
 
 /** What a hand feels: the gamepads, and whether anybody sees the drone it flies. */
-export interface Senses {
+interface Senses {
   readonly pads: () => Iterable<Pad | null>;
   readonly seen: () => boolean;
 }

@@ -26,7 +26,7 @@ export function PhaseTimeline({ capture, step, entered }: PhaseTimelineProps) {
               {state === "past" && <Icon name="check" />}
               {state === "failed" && <Icon name="abort" />}
             </span>
-            <span className="step-word">{words.mission.step[each]}</span>
+            <span>{words.mission.step[each]}</span>
             <span className="sr-only">{words.mission.stepState[state]}</span>
             <span className="step-note">{note}</span>
           </li>

@@ -26,7 +26,7 @@ export const LIMITS = {
   nameLength: 80,
 } as const;
 
-export type WishErrors = Readonly<Partial<Record<"pictures" | "trainSeconds" | "name", string>>>;
+type WishErrors = Readonly<Partial<Record<"pictures" | "trainSeconds" | "name", string>>>;
 
 /** Return what is wrong with a form, field by field; nothing when it can be sent. */
 export function wishErrors(wish: Wish): WishErrors {

@@ -103,7 +103,7 @@ export function PickSurface({ mode, name, onPlace, onCancel }: PickSurfaceProps)
 }
 
 /** A box over the picture. */
-export function BoxMark({ box, className }: { readonly box: ShareBox; readonly className: string }) {
+function BoxMark({ box, className }: { readonly box: ShareBox; readonly className: string }) {
   const [left, top, right, bottom] = box;
   return (
     <span

@@ -8,7 +8,7 @@ export interface SharePoint {
 }
 
 /** The part of an element's rectangle that matters here. */
-export interface Area {
+interface Area {
   readonly left: number;
   readonly top: number;
   readonly width: number;

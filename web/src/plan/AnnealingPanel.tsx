@@ -37,7 +37,7 @@ export function AnnealingPanel({ plan }: { readonly plan: Plan | null }) {
       <div className="curve" data-testid="annealing-curve" data-points={course.length}>
         <div className="curve-legend" aria-hidden="true">
           <span className="key key-held-out">{text.fitness}</span>
-          <span className="key key-train">{text.temperature}</span>
+          <span className="key">{text.temperature}</span>
         </div>
         <Plot
           className="curve-plot"

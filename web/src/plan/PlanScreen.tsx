@@ -18,11 +18,11 @@ export function PlanScreen() {
       <div className="column column-scene">
         <ScenePanel aside={<PlanViewSwitch comparable={(plan?.ring.length ?? 0) > 0} />} />
       </div>
-      <div className="column column-plan">
+      <div className="column">
         <PlanPanel answer={answer} />
         {plan === null ? <TopView plan={plan} /> : <ViewpointsPanel plan={plan} />}
       </div>
-      <div className="column column-plan">
+      <div className="column">
         <AnnealingPanel plan={plan} />
         {plan !== null && <TopView plan={plan} />}
       </div>

@@ -6,8 +6,8 @@ import { useConsole, useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch, type Spot } from "../floor/FloorSketch";
-import { markedArea } from "../room/marked";
-import { NoGoList } from "../room/NoGoList";
+import { markedArea } from "../noGo/marked";
+import { NoGoList } from "../noGo/NoGoList";
 import { words } from "../text/words";
 import { routes } from "./route";
 

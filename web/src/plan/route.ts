@@ -2,7 +2,7 @@ import type { PlannedViewpoint } from "../api/plans";
 import type { CaptureReport } from "../protocol/messages.gen";
 
 /** What a drone has to do for its part of the plan. */
-export interface Route {
+interface Route {
   readonly droneId: string;
   /** Its viewpoints in the order of flying. */
   readonly ordered: readonly PlannedViewpoint[];

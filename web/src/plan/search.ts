@@ -2,7 +2,7 @@ import { secondsLeft } from "../design/pace";
 import type { PlanProgress } from "../protocol/messages.gen";
 
 /** How far a search for a plan is, 0 to 1, and how long it still takes at its pace. */
-export interface Search {
+interface Search {
   readonly share: number;
   readonly leftS: number | null;
 }

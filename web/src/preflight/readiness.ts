@@ -38,7 +38,7 @@ export function groups(checks: readonly Check[]): readonly Group[] {
 }
 
 /** Who would fly, and what is in the way. */
-export interface Readiness {
+interface Readiness {
   /** The drones that would fly, in fleet order: those that are ready before the others. */
   readonly crew: readonly string[];
   /** All drones that nothing keeps on the ground. */

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { clientId } from "../api/client";
+import { clientId } from "../api/tabId";
 import { ConsoleStream, streamUrl, type Socket, type StreamListener } from "./stream";
 
 class FakeSocket implements Socket {

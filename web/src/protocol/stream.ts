@@ -1,5 +1,5 @@
 import { BASE } from "../api/base";
-import { clientId } from "../api/client";
+import { clientId } from "../api/tabId";
 import type { Sticks } from "../manual/sticks";
 import type { ClientMessage, ServerMessage } from "./messages.gen";
 import { parseMessage } from "./parse";

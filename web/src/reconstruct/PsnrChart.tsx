@@ -106,7 +106,7 @@ export function PsnrChart({ series }: { readonly series: QualitySeries }) {
     <div className="curve" data-testid="psnr-curve" data-points={series.seconds.length}>
       <div className="curve-legend" aria-hidden="true">
         <span className="curve-unit">{words.field.psnr}, dB</span>
-        <span className="key key-train">{words.field.train}</span>
+        <span className="key">{words.field.train}</span>
         <span className="key key-held-out">{words.field.heldOut}</span>
         {alike && <span className="key key-ssim">{words.field.ssimRight}</span>}
       </div>

@@ -1,7 +1,7 @@
 import type { MetricsReport, PictureReport, PosesReport, TrainingReport } from "../protocol/messages.gen";
 
 /** What became of a picture of the capture. */
-export interface PictureState {
+interface PictureState {
   /** Kept from the training that is judged, to judge it on. */
   readonly heldOut: boolean;
   /** `waiting` before the poses were refined; `flight` kept the pose believed in flight. */
@@ -10,7 +10,7 @@ export interface PictureState {
 }
 
 /** Every eighth picture in file order is held out, the first one included. */
-export const HELD_OUT_EVERY = 8;
+const HELD_OUT_EVERY = 8;
 
 /** Return what became of picture `index`, as far as the mission has told. */
 export function pictureState(

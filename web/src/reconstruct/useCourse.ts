@@ -3,7 +3,7 @@ import { getArtifacts, getTrainingLog, TRAINING_LOG } from "../api/library";
 import { useAnswer } from "../api/useAnswer";
 import { useConsole } from "../context";
 import { isActive } from "../state/state";
-import { courseFromLog, NO_COURSE, type Course } from "./course";
+import { courseFromLog, NO_COURSE, type Course } from "./trainingCourse";
 
 /** While a training runs its log is read anew this often, seconds. */
 const EVERY_S = 10;

@@ -3,7 +3,7 @@ import type { ReplayMoment } from "../api/replay";
 import { clock } from "../design/format";
 import { Icon } from "../design/Icon";
 import { words } from "../text/words";
-import { lastMoment } from "./course";
+import { lastMoment } from "./flightCourse";
 import type { Face } from "./ReplayMap";
 
 interface MomentListProps {

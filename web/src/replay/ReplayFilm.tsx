@@ -2,7 +2,7 @@ import { useEffect, useRef, useState } from "react";
 import type { DroneReplay } from "../api/replay";
 import { Waiting } from "../design/Waiting";
 import { words } from "../text/words";
-import { filmCourse } from "./course";
+import { filmCourse } from "./flightCourse";
 import type { ReplayClock } from "./useReplayClock";
 
 interface ReplayFilmProps {

@@ -1,7 +1,7 @@
 import type { DroneReplay, Replay } from "../api/replay";
 import { FloorSketch, type Spot } from "../floor/FloorSketch";
 import { words } from "../text/words";
-import { wayUntil } from "./course";
+import { wayUntil } from "./flightCourse";
 
 export interface Face {
   readonly drone: DroneReplay;

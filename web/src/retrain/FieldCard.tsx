@@ -65,7 +65,7 @@ export function FieldCard({ runId, title, files, settings, metrics, marking, tes
             testId={`mark-field-${runId}`}
             onChange={marking.onMark}
           />
-          <span className="mark-word">{words.library.mark}</span>
+          <span>{words.library.mark}</span>
           <span className="sr-only"> {title}</span>
         </label>
       )}

@@ -5,7 +5,7 @@ import { Icon } from "../design/Icon";
 import { Panel } from "../design/Panel";
 import { FloorSketch } from "../floor/FloorSketch";
 import { activityFace, isFlying } from "../fly/activity";
-import { markedArea } from "../room/marked";
+import { markedArea } from "../noGo/marked";
 import { words } from "../text/words";
 import { CalibrationTable } from "./CalibrationTable";
 
@@ -47,7 +47,7 @@ export function FloorPlanPanel({ plan, error, checks, onCalibrate }: FloorPlanPa
             ))}
           </ol>
           <p className="hint">{text.limits(plan.fence_radius_m.toFixed(1), plan.ceiling_m.toFixed(1))}</p>
-          <table className="table fleet" data-testid="fleet">
+          <table className="table" data-testid="fleet">
             <caption>{text.fleet}</caption>
             <thead>
               <tr>

@@ -1,7 +1,7 @@
 import type { CalibratedCamera, Calibration } from "../api/calibration";
 
 /** A cell of the picture, counted from its top left. */
-export interface CoverageCell {
+interface CoverageCell {
   readonly key: string;
   readonly column: number;
   readonly row: number;
@@ -10,7 +10,7 @@ export interface CoverageCell {
 
 /** What the manual calls good: views, pixels, per cent of the focal length and of the picture, degrees, views. */
 export const GOOD = { views: 20, error: 0.5, focal: 0.3, coverage: 80, tilts: 25, dropped: 2 } as const;
-export type Want = keyof typeof GOOD;
+type Want = keyof typeof GOOD;
 /** Refused for one of these, more views do not help: those that are there stay. */
 const LOST: readonly Calibration["lack"][] = ["sizes", "contradict", "disagree"];
 /** A drone that stands gets hot: from here on it wants a rest. */

@@ -1,7 +1,7 @@
 import type { DroneReport } from "../protocol/messages.gen";
 
 /** What all drones reported within one second, by drone id: the newest of each. */
-export interface Moment {
+interface Moment {
   /** Whole seconds since 1970 of the server's clock. */
   readonly second: number;
   readonly reports: ReadonlyMap<string, DroneReport>;

@@ -24,7 +24,7 @@ import type { History } from "./history";
 import type { Step } from "./phases";
 import { EMPTY_SERIES, type QualitySeries } from "./series";
 
-export type Connection =
+type Connection =
   | { readonly kind: "connecting" }
   | { readonly kind: "open" }
   /** The next attempt to open it begins at `retryMs`. */
@@ -76,7 +76,7 @@ export interface Mission {
 }
 
 /** What arrives after the socket opened, and how the page stood when the last socket was lost. */
-export interface Arrival {
+interface Arrival {
   readonly mission: Mission;
   readonly sinceMs: number;
   /** Null on the page's first socket: there was nothing to miss. */

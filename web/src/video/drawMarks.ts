@@ -75,7 +75,7 @@ function drawSeen(
 }
 
 /** How sure it is, how far and which way to turn to face it (equation 4), and whether it is cut. */
-export function seenText(marks: TileMarks): string {
+function seenText(marks: TileMarks): string {
   const text = words.fly.marks;
   const degrees = Math.round((Math.abs(marks.yaw_error_rad) * 180) / Math.PI);
   const turn = degrees === 0 ? text.facing : marks.yaw_error_rad > 0 ? text.left(degrees) : text.right(degrees);

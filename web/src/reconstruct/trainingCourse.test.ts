@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { courseFromLog } from "./course";
+import { courseFromLog } from "./trainingCourse";
 
 const line = (stage: string, seconds: number, psnr: number | null, more: object = {}) =>
   JSON.stringify({ event: "progressed", stage, seconds, loss: 0.1, psnr_db: psnr, held_out_psnr_db: null, ...more });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { WayPoint } from "../api/replay";
-import { countUntil, filmCourse, wayUntil } from "./course";
+import { countUntil, filmCourse, wayUntil } from "./flightCourse";
 
 describe("a replay's course", () => {
   it("counts what is not later, also between and beyond", () => {

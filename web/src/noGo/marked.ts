@@ -1,6 +1,6 @@
+import type { MarkedArea } from "../floor/useFloorGesture";
 import type { NoGoVolume } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import type { MarkedArea } from "./useFloorGesture";
 
 /** What people call a volume: its number is the end of its id. */
 export function nameOf({ id, configured }: NoGoVolume): string {

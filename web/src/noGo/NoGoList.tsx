@@ -2,9 +2,9 @@ import { useId, useState, type SubmitEvent } from "react";
 import { useOperator } from "../context";
 import { Icon } from "../design/Icon";
 import { NumberField } from "../design/NumberField";
+import { isArea, type FloorArea } from "../floor/area";
 import type { NoGoVolume } from "../protocol/messages.gen";
 import { words } from "../text/words";
-import { isArea, type FloorArea } from "./area";
 import { nameOf } from "./marked";
 
 interface NoGoListProps {

@@ -7,7 +7,7 @@ const PER_METRE = 20;
 /** Nothing that stands in a room is narrower; the server refuses it, too. */
 const LEAST_M = 0.05;
 
-export function snapped(metres: number): number {
+function snapped(metres: number): number {
   return Math.round(metres * PER_METRE) / PER_METRE;
 }
 
