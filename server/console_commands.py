@@ -173,7 +173,8 @@ async def _plan_for(box: Box3, arguments: argparse.Namespace) -> int:
             await job.cancel()
     if sys.stderr.isatty():
         print(file=sys.stderr)
-    plan = {key: done[key] for key in ("fitness", "terms", "candidates", "bound", "enough")}
+    kept = ("fitness", "terms", "candidates", "bound", "bound_kind", "enough")
+    plan = {key: done[key] for key in kept}
     plan["viewpoints"] = [
         {"round_index": index, "drone_id": drone, "position_world": place[:3], "yaw_rad": place[3]}
         for index, assigned in enumerate(done["rounds"])
@@ -203,7 +204,9 @@ def _plan_table(plan: Mapping[str, Any]) -> str:
         lines.append(f"  {'fitness':<34}{fitness:.3f}")
     if fitness is not None and bound is not None:
         gap = max(0.0, 1.0 - fitness / bound)
-        lines.append(f"  {'at most, by any choice of these':<34}{bound:.3f}, {gap:.1%} away")
+        submodular = plan.get("bound_kind") == "submodular"
+        words = "at most (submodular bound)" if submodular else "at most, by any choice of these"
+        lines.append(f"  {words:<34}{bound:.3f}, {gap:.1%} away")
     for key, words in _TERMS.items():
         if plan["terms"].get(key) is not None:
             lines.append(f"    {words:<32}{plan['terms'][key]:.3f}")
