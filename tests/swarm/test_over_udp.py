@@ -17,10 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ideal_camera import IDEAL_CAMERA
 from numpy.typing import NDArray
 from virtual_air import CALM, setpoint
 
-from server.sim.config import CameraConfig, SimConfig, fleet_config
+from server.sim.config import SimConfig, fleet_config
 from server.sim.drone import SimError, SimulatedDrone
 from server.sim.simulator import run_simulator
 from server.swarm.config import DroneConfig, FleetConfig
@@ -41,7 +42,7 @@ def some_simulation(drones: int) -> SimConfig:
         drones=drones,
         base_address=f"{block}.1",
         dynamics=CALM,
-        camera=CameraConfig.ideal(),
+        camera=IDEAL_CAMERA,
         fps_cap=10.0,
     )
 
