@@ -279,9 +279,10 @@ async def test_two_drones_that_exchange_their_addresses_are_both_heard() -> None
 
 
 async def test_a_closed_link_counts_what_it_cannot_send() -> None:
-    link = UdpDroneLink(DroneConfig(address="127.0.0.9"))
+    config = DroneConfig(address="127.0.0.9")
+    link = UdpDroneLink(config)
     link.send(b"stop")
-    assert link.unsent == 1
+    assert Drone(config, link).unsent == link.unsent == 1
 
 
 async def test_a_fleet_whose_ports_are_taken_leaves_nothing_open() -> None:
