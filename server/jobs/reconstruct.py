@@ -28,6 +28,7 @@ from server.jobs.spec import JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
+from server.nerf.drafts import whole_file
 from server.nerf.flight import read_pictures
 from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig
@@ -35,7 +36,6 @@ from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
 from server.nerf.sightings import write_sightings
 from server.nerf.training import StepReport, Trainer
 from server.nerf.warm_up import warm_up
-from server.nerf.whole_file import whole_file
 
 _LIVE_PICTURES = 4
 _LIVE_SLICE_S = 4.0
