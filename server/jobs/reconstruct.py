@@ -24,7 +24,7 @@ from server.jobs.kept_training import KeptTraining
 from server.jobs.object_masks import cut_anew
 from server.jobs.reports import FieldReports, keep_renderings, tell_share
 from server.jobs.results import write_results
-from server.jobs.spec import JobSpec, JobStoppedError, Reporting
+from server.jobs.spec import TEST_EVERY, JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
@@ -74,7 +74,7 @@ class ReconstructInput(BaseModel):
     steps: int | None = None
     downscale: int | None = None
     object_only: bool = False
-    test_every: int = 8
+    test_every: int = TEST_EVERY
     backend: Literal["numba", "torch"] = "numba"
     mode: str | None = None
     results: bool = True
