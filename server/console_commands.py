@@ -9,7 +9,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -27,9 +27,7 @@ from server.jobs.spec import JobSpec
 from server.settings import SettingsError, load_settings
 from server.sim.meshes import SceneError
 from server.sim.scenes.catalogue import load_object
-from server.terminal import SCENES, count, fleet_size, metrics_table, seconds, seed
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import SCENES, AddCommand, count, fleet_size, metrics_table, seconds, seed
 
 _URL = "http://127.0.0.1:8000"
 # Where drones stand for a plan without a fleet.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from server.app import StartError, catalogue_text, check_runs
 from server.settings import Settings, load_settings
 from server.store.catalogue import Catalogue
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import AddCommand
 
 
 def add_library_commands(commands: Any, add: AddCommand) -> None:
