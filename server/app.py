@@ -7,7 +7,6 @@ training are child processes, so that none of them can take the fleet down with 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import errno
 import gc
 import logging
@@ -16,13 +15,11 @@ import random
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-
-import uvicorn
 
 from server.api.access import KeyRing
 from server.api.config import ApiConfig
@@ -35,6 +32,7 @@ from server.jobs.compile_ahead import compile_ahead
 from server.jobs.local import LocalRunner
 from server.jobs.ray_runner import RayRunner
 from server.jobs.runner import JobRunner
+from server.jobs.unsignalled import UnsignalledServer
 from server.mission.busy_captures import BusyCaptures
 from server.mission.control import Control
 from server.mission.events import EventStream
@@ -177,14 +175,6 @@ def free_loopback_block(drones: int) -> str:
             continue
         return first
     raise StartError("no free loopback addresses for the simulated drones were found")
-
-
-class _Server(uvicorn.Server):
-    """A uvicorn server that leaves signals to us: drones land before the console goes."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
 
 
 def bind_port(host: str, port: int) -> socket.socket:
@@ -382,7 +372,7 @@ async def console(
         web = make_web(
             control, fleet, book, busy, door, scene_port, _DIST, version("dronerf"), config
         )
-        server = _Server(uvicorn_config(web, tls=settings.tls()))
+        server = UnsignalledServer(uvicorn_config(web, tls=settings.tls()))
         # Whoever reads the address may connect at once; until the server is up, that waits.
         sock.listen()
         serving = asyncio.create_task(server.serve(sockets=[sock]), name="web")

@@ -9,7 +9,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -27,9 +27,7 @@ from server.jobs.spec import JobSpec
 from server.settings import SettingsError, load_settings
 from server.sim.meshes import SceneError
 from server.sim.scenes.catalogue import load_object
-from server.terminal import SCENES, count, fleet_size, metrics_table, seconds, seed
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import SCENES, AddCommand, count, fleet_size, metrics_table, seconds, seed
 
 _URL = "http://127.0.0.1:8000"
 # Where drones stand for a plan without a fleet.
@@ -173,7 +171,8 @@ async def _plan_for(box: Box3, arguments: argparse.Namespace) -> int:
             await job.cancel()
     if sys.stderr.isatty():
         print(file=sys.stderr)
-    plan = {key: done[key] for key in ("fitness", "terms", "candidates", "bound", "enough")}
+    kept = ("fitness", "terms", "candidates", "bound", "bound_kind", "enough")
+    plan = {key: done[key] for key in kept}
     plan["viewpoints"] = [
         {"round_index": index, "drone_id": drone, "position_world": place[:3], "yaw_rad": place[3]}
         for index, assigned in enumerate(done["rounds"])
@@ -203,7 +202,9 @@ def _plan_table(plan: Mapping[str, Any]) -> str:
         lines.append(f"  {'fitness':<34}{fitness:.3f}")
     if fitness is not None and bound is not None:
         gap = max(0.0, 1.0 - fitness / bound)
-        lines.append(f"  {'at most, by any choice of these':<34}{bound:.3f}, {gap:.1%} away")
+        submodular = plan.get("bound_kind") == "submodular"
+        words = "at most (submodular bound)" if submodular else "at most, by any choice of these"
+        lines.append(f"  {words:<34}{bound:.3f}, {gap:.1%} away")
     for key, words in _TERMS.items():
         if plan["terms"].get(key) is not None:
             lines.append(f"    {words:<32}{plan['terms'][key]:.3f}")

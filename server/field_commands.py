@@ -12,20 +12,17 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from server.app import StartError, check_runs, job_place, job_runner
 from server.jobs.local import LocalRunner
 from server.jobs.runner import JobFailedError, JobRunner
-from server.jobs.spec import JobSpec, Kind
+from server.jobs.spec import TEST_EVERY, JobSpec, Kind
 from server.jobs.unfinished import unfinished
 from server.settings import Settings, load_settings
 from server.store.runs import run_id
-from server.terminal import TrainingBar, count, metrics_table, seconds, seed
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import AddCommand, TrainingBar, count, metrics_table, seconds, seed
 
 _FORMATS = ("glb", "ply", "points", "colmap", "transforms")
 
@@ -49,7 +46,9 @@ def add_field_commands(commands: Any, add: AddCommand) -> None:
         action="store_true",
         help="learn only what the masks show; pictures transparent around it need no flag",
     )
-    part.add_argument("--test-every", type=count, default=8, help="hold out every n-th (8)")
+    part.add_argument(
+        "--test-every", type=count, default=TEST_EVERY, help=f"hold out every n-th ({TEST_EVERY})"
+    )
     part.add_argument(
         "--backend",
         choices=("numba", "torch"),

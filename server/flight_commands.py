@@ -6,7 +6,6 @@ import argparse
 import asyncio
 import json
 import sys
-from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -20,9 +19,7 @@ from server.recording.repair import repair
 from server.replay.flight import replay
 from server.replay.report import ReplayResult
 from server.settings import load_settings
-from server.terminal import fleet_size, seconds, seed
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import AddCommand, fleet_size, seconds, seed
 
 
 def add_flight_commands(commands: Any, add: AddCommand) -> None:

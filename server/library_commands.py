@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,9 @@ from server.app import StartError, catalogue_text, check_runs
 from server.settings import Settings, load_settings
 from server.store.catalogue import Catalogue
 from server.store.runs import star_run
+from server.terminal import AddCommand
 
 _STARRING = ("star", "unstar")
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
 
 
 def add_library_commands(commands: Any, add: AddCommand) -> None:

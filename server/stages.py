@@ -14,7 +14,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Protocol
+from typing import Literal, Protocol
 
 import cv2
 import numpy as np
@@ -301,6 +301,9 @@ class Viewpoint:
         return camera_pose(self.position_world, self.yaw_rad, tilt_rad)
 
 
+BoundKind = Literal["linear program", "submodular"]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
     """A chosen set O of viewpoints.
@@ -311,6 +314,7 @@ class Placement:
         terms: Value of each named term before weighting.
         candidates: D, how many poses they were chosen from.
         bound: Upper bound of the fitness over all choices, or None when it was not computed.
+        bound_kind: How it was computed, None with ``bound``.
         spare: The candidates that were not chosen.
         spare_gains: ``(D - K,)`` by how much one picture more, from there, would raise the fitness.
     """
@@ -322,6 +326,7 @@ class Placement:
     bound: float | None = None
     spare: tuple[Viewpoint, ...] = ()
     spare_gains: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    bound_kind: BoundKind | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

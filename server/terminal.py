@@ -10,6 +10,7 @@ import argparse
 import asyncio
 import contextlib
 import sys
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from server.mission.events import (
@@ -17,6 +18,9 @@ from server.mission.events import (
     Noted,
     TrainingProgressed,
 )
+
+# Adds a subcommand to a parser's: its place, its name, what it runs, what it is for.
+AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
 
 SCENES = "human, guitar, robot_dog, recycle_bin, or a path to a .glb or .obj file"
 _BAR = 24

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from server.api.access import ROLES, KeyFile
 from server.app import StartError, check_runs
 from server.settings import load_settings
-
-AddCommand = Callable[[Any, str, Any, str], argparse.ArgumentParser]
+from server.terminal import AddCommand
 
 
 def add_token_commands(commands: Any, add: AddCommand) -> None:

@@ -367,6 +367,7 @@ def test_a_plan_for_a_box_needs_no_console(folder: Path) -> None:
     assert {view["drone_id"] for view in plan["viewpoints"]} == {"drone-1", "drone-2"}
     assert len(plan["viewpoints"]) == 4
     assert plan["fitness"] <= plan["bound"]
+    assert plan["bound_kind"] == "linear program"
     assert plan["enough"]["needed"] <= plan["enough"]["sufficient"]
     assert sorted(folder.iterdir()) == []
     table = run(folder, *wanted).stdout

@@ -86,15 +86,28 @@ def _lines(mission: MissionControl, counts: StreamCounts, version: str) -> Itera
     }
     for name, (text, samples) in gauges.items():
         yield from _family(name, "gauge", text, [({"drone": d.drone_id}, v) for d, v in samples])
+    counted = mission.datagram_counts()
     yield from _family(
         "dronerf_drone_datagrams_dropped_total",
         "counter",
         "Datagrams of a drone that said nothing.",
         [
             ({"drone": drone_id, "reason": reason}, float(count))
-            for drone_id, dropped in mission.dropped_datagrams().items()
-            for reason, count in dropped.items()
+            for drone_id, datagrams in counted.items()
+            for reason, count in datagrams.dropped.items()
         ],
+    )
+    yield from _family(
+        "dronerf_drone_datagrams_unsent_total",
+        "counter",
+        "Datagrams to a drone that could not be handed to the network.",
+        [({"drone": drone_id}, float(each.unsent)) for drone_id, each in counted.items()],
+    )
+    yield from _family(
+        "dronerf_video_overflows_total",
+        "counter",
+        "Times all video that waited to be decoded was dropped, because decoding was too late.",
+        [({"drone": drone_id}, float(each.video_overflows)) for drone_id, each in counted.items()],
     )
     free_mb = mission.disk_free_mb()
     yield from _family(

@@ -1,4 +1,4 @@
-"""Write the TypeScript twin of the wire schema: ``python -m server.api.typescript``.
+"""Write the TypeScript twin of the wire schema: ``python -m server.api.typescript FILE``.
 
 One exported interface per message, the two unions, and the tile header. The types come from the
 messages' annotations, so the browser cannot disagree with the server unnoticed.
@@ -15,8 +15,6 @@ from typing import Annotated, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 
 from server.api import messages
-
-DEFAULT_PATH = Path("web/src/protocol/messages.gen.ts")
 
 # Models that are no message but part of one.
 PARTS: tuple[type[BaseModel], ...] = (messages.PriorityPart, messages.NoGoVolume)
@@ -104,18 +102,11 @@ def messages_text() -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Write the file named by the first argument, or the one in the web folder.
-
-    With ``--check`` nothing is written; the exit status tells whether the file is up to date.
-    """
-    check = "--check" in arguments
-    names = [argument for argument in arguments if argument != "--check"]
-    path = Path(names[0]) if names else DEFAULT_PATH
-    text = messages_text()
-    if check:
-        return 0 if path.is_file() and path.read_text(encoding="utf-8") == text else 1
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    """Write the file that the only argument names."""
+    if len(arguments) != 1:
+        sys.stderr.write("usage: python -m server.api.typescript FILE\n")
+        return 2
+    Path(arguments[0]).write_text(messages_text(), encoding="utf-8")
     return 0
 
 

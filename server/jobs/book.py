@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from server.jobs.runner import Job, JobFailedError, JobRunner
 from server.jobs.spec import EVENTS, JobSpec, Kind
@@ -25,7 +25,6 @@ from server.jobs.spec import EVENTS, JobSpec, Kind
 logger = logging.getLogger(__name__)
 
 JobState = Literal["queued", "running", "succeeded", "failed", "cancelled"]
-JOB_STATES: tuple[JobState, ...] = get_args(JobState)
 _MOST_KEPT = 1000
 _MOST_WAITING = 20
 

@@ -20,6 +20,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from server.jobs.unsignalled import UnsignalledServer
+
 _BODY_LIMIT = 4 << 20
 # A worker tells some three events a second; whoever follows it reads them at once.
 _QUEUE = 4096
@@ -78,7 +80,7 @@ class CallbackServer:
         config = uvicorn.Config(
             web, log_config=None, log_level="warning", access_log=False, server_header=False
         )
-        self._server = _Server(config)
+        self._server = UnsignalledServer(config)
         self._serving: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> CallbackServer:
@@ -129,11 +131,3 @@ class CallbackServer:
             return JSONResponse({"error": "not understood"}, status_code=422)
         channel.take(first, events)
         return JSONResponse({"stop": channel.stop})
-
-
-class _Server(uvicorn.Server):
-    """A uvicorn server that leaves signals to the console."""
-
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield

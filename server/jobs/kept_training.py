@@ -14,6 +14,7 @@ from typing import Any
 
 from server.jobs.unfinished import STATE, WANTED
 from server.nerf.dataset import Dataset
+from server.nerf.drafts import drafted
 from server.nerf.training import Trainer
 
 # So much training is lost at most. Writing takes some 0.1 s.
@@ -60,6 +61,5 @@ class KeptTraining:
             (self._out / name).unlink(missing_ok=True)
 
     def _write(self, name: str, about: dict[str, Any]) -> None:
-        draft = self._out / f"{name}.part"
-        draft.write_text(json.dumps(about, indent=1))
-        draft.replace(self._out / name)
+        with drafted(self._out / name) as draft:
+            draft.write_text(json.dumps(about, indent=1))

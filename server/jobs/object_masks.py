@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.nerf.dataset import Dataset
+from server.nerf.drafts import whole_file
 from server.nerf.flight import FlightPicture
-from server.nerf.whole_file import whole_file
 from server.stages import CameraPose
 from server.vision.config import RegionConfig, SeedConfig
 from server.vision.recut import MaskedPicture, recut_masks

@@ -23,6 +23,7 @@ from server.planner.placement import PlanProgress
 from server.planner.policies import SurfaceUncertainty, uncertainty_near
 from server.stages import (
     Assignment,
+    BoundKind,
     CameraPose,
     Placement,
     Priority,
@@ -112,6 +113,7 @@ class PlanResult(BaseModel):
     spare: list[tuple[float, float, float, float]] = []
     spare_gains: list[float] = []
     enough: EnoughPictures | None = None
+    bound_kind: BoundKind | None = None
 
     def placement(self) -> Placement:
         """Return the chosen set."""
@@ -124,6 +126,7 @@ class PlanResult(BaseModel):
             self.bound,
             tuple(_viewpoint(v) for v in self.spare),
             np.array(self.spare_gains),
+            self.bound_kind,
         )
 
     def assignment(self) -> Assignment:
@@ -186,6 +189,7 @@ def run(spec: JobSpec, reporter: Reporting) -> dict[str, Any]:
         terms=dict(placement.terms),
         candidates=placement.candidates,
         bound=placement.bound,
+        bound_kind=placement.bound_kind,
         rounds=[{d: _place(v) for d, v in entry.items()} for entry in assignment.rounds],
         spare=[_place(v) for v in placement.spare],
         spare_gains=placement.spare_gains.tolist(),

@@ -19,6 +19,7 @@ from server.jobs.runner import JobFailedError
 from server.jobs.spec import EVENTS, STOP, JobSpec
 from server.jobs.staging import Staging
 from server.jobs.unfinished import WANTED
+from server.nerf.drafts import drafted
 
 logger = logging.getLogger(__name__)
 
@@ -275,6 +276,5 @@ def _amend(path: Path, change: Any) -> None:
     """Replace a JSON file by what ``change`` makes of it; a missing or strange one is left."""
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         text = json.dumps(change(json.loads(path.read_text())), indent=1)
-        draft = path.with_name(f".{path.name}.part")
-        draft.write_text(text)
-        draft.replace(path)
+        with drafted(path) as draft:
+            draft.write_text(text)

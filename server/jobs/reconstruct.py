@@ -24,10 +24,11 @@ from server.jobs.kept_training import KeptTraining
 from server.jobs.object_masks import cut_anew
 from server.jobs.reports import FieldReports, keep_renderings, tell_share
 from server.jobs.results import write_results
-from server.jobs.spec import JobSpec, JobStoppedError, Reporting
+from server.jobs.spec import TEST_EVERY, JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
+from server.nerf.drafts import whole_file
 from server.nerf.flight import read_pictures
 from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig
@@ -35,7 +36,6 @@ from server.nerf.poses import PosedPicture, RefinedPoses, refine_poses
 from server.nerf.sightings import write_sightings
 from server.nerf.training import StepReport, Trainer
 from server.nerf.warm_up import warm_up
-from server.nerf.whole_file import whole_file
 
 _LIVE_PICTURES = 4
 _LIVE_SLICE_S = 4.0
@@ -74,7 +74,7 @@ class ReconstructInput(BaseModel):
     steps: int | None = None
     downscale: int | None = None
     object_only: bool = False
-    test_every: int = 8
+    test_every: int = TEST_EVERY
     backend: Literal["numba", "torch"] = "numba"
     mode: str | None = None
     results: bool = True

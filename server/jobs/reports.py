@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from server.jobs.spec import Reporting
 from server.jobs.wanted_view import WantedView
 from server.jobs.worker import Reporter
+from server.nerf.drafts import drafted
 from server.nerf.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from server.nerf.orbit_view import OrbitView
 from server.nerf.preview import render_preview
@@ -174,9 +175,8 @@ class FieldReports:
     def _show(self, wanted: OrbitView | None, width: int = 320, height: int = 240) -> None:
         view = wanted or (time.monotonic() / _ORBIT_S) % 1.0
         preview = render_preview(self._trainer, view, width=width, height=height)
-        draft = self._out / ".preview.jpg.part"
-        draft.write_bytes(preview.jpeg)
-        draft.replace(self._out / "preview.jpg")
+        with drafted(self._out / "preview.jpg") as draft:
+            draft.write_bytes(preview.jpeg)
         self._reporter.emit(
             "preview",
             file="preview.jpg",

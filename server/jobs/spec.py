@@ -17,6 +17,9 @@ from typing import Any, Literal, Protocol
 # Files of a job's folder.
 EVENTS, STOP, VIEW = "events.jsonl", "stop", "view.json"
 
+# Every so many pictures one is held out, unless a reconstruction is told otherwise.
+TEST_EVERY = 8
+
 Kind = Literal["plan", "reconstruct", "render", "export"]
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from fsspec.core import url_to_fs
 
+from server.nerf.drafts import draft_name, drafted, is_draft
+
 # What no reconstruction reads; a recording alone may have gigabytes, and hidden files are not ours
 # to send.
 _STAYS = frozenset({"jobs", "recording.mcap", "log.jsonl"})
@@ -51,25 +53,25 @@ class Staging:
 
     def push_file(self, file: Path, name: str) -> None:
         """Send one file as ``name``; raises OSError if it cannot be sent."""
-        target = f"{self._root}/{name}"
-        self._fs.makedirs(target.rsplit("/", 1)[0], exist_ok=True)
+        folder, _, base = f"{self._root}/{name}".rpartition("/")
+        self._fs.makedirs(folder, exist_ok=True)
         # A name in the store stands for a whole file, whenever somebody looks.
-        self._fs.put_file(str(file), f"{target}.part")
-        self._fs.mv(f"{target}.part", target)
+        draft = f"{folder}/{draft_name(base)}"
+        self._fs.put_file(str(file), draft)
+        self._fs.mv(draft, f"{folder}/{base}")
 
     def pull(self, folder: Path, only: str | None = None) -> None:
         """Fetch all, or the file ``only``, into ``folder``; raises OSError if that fails."""
         for path in self._fs.find(self._root) if only is None else [f"{self._root}/{only}"]:
             name = path[len(self._root) :].lstrip("/")
-            if name.endswith(".part"):
+            if is_draft(name):
                 continue
             target = folder / name
             if not target.resolve().is_relative_to(folder.resolve()):
                 raise OSError(f"{name} in the store would leave the folder")
             target.parent.mkdir(parents=True, exist_ok=True)
-            draft = target.with_name(f".{target.name}.part")
-            self._fs.get_file(path, str(draft))
-            os.replace(draft, target)
+            with drafted(target) as draft:
+                self._fs.get_file(path, str(draft))
 
     def clear(self) -> None:
         """Delete the place; raises OSError if that fails."""
@@ -81,11 +83,12 @@ def _marks(folder: Path) -> dict[str, tuple[int, int]]:
     """Return size and time of change of every file that travels, by its name in the folder."""
     marks: dict[str, tuple[int, int]] = {}
     for inside, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if not is_draft(name)]
         if Path(inside) == folder:
             folders[:] = [name for name in folders if name not in _STAYS]
             names = [name for name in names if name not in _STAYS]
         for name in names:
-            if name.endswith(".part") or name.startswith("."):
+            if is_draft(name) or name.startswith("."):
                 continue
             path = Path(inside) / name
             with contextlib.suppress(FileNotFoundError):  # It was renamed meanwhile.

@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from server.jobs.spec import VIEW
+from server.nerf.drafts import drafted
 from server.nerf.orbit_view import OrbitView
 
 
@@ -20,9 +21,8 @@ def want_view(folder: Path, view: OrbitView | None) -> None:
     Raises:
         OSError: If it cannot be written.
     """
-    draft = folder / f".{VIEW}.part"
-    draft.write_text(json.dumps({} if view is None else asdict(view)))
-    draft.replace(folder / VIEW)
+    with drafted(folder / VIEW) as draft:
+        draft.write_text(json.dumps({} if view is None else asdict(view)))
 
 
 class WantedView:

@@ -168,6 +168,21 @@ class FloorPlan:
     places: tuple[StartPlace, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class DatagramCounts:
+    """A drone's datagrams that were of no use, since the start.
+
+    Attributes:
+        dropped: Those from it that said nothing, by reason.
+        unsent: Those to it that could not be handed to the network.
+        video_overflows: Times all video that waited to be decoded was dropped.
+    """
+
+    dropped: Mapping[str, int]
+    unsent: int
+    video_overflows: int
+
+
 class MissionControl(Protocol):
     """What console and shell may do; every method is called on the event loop.
 
@@ -319,8 +334,8 @@ class MissionControl(Protocol):
         """Return the free room on the disk of the runs, megabytes, None before it was measured."""
         ...
 
-    def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
-        """Return, per drone and reason, how many of its datagrams said nothing."""
+    def datagram_counts(self) -> Mapping[str, DatagramCounts]:
+        """Return, per drone, which datagrams were of no use."""
         ...
 
     def note_stop(self, command: StopCommand, drone_id: str | None) -> None:

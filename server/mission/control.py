@@ -31,6 +31,7 @@ from server.mission.commands import (
     Area,
     CaptureRecord,
     CaptureRequest,
+    DatagramCounts,
     DroneCommand,
     FloorPlan,
     PointedPlace,
@@ -339,9 +340,12 @@ class Control:
         """Return the free room on the disk of the runs, megabytes, None before it was measured."""
         return self._disk.free_mb if math.isfinite(self._disk.measured_s) else None
 
-    def dropped_datagrams(self) -> Mapping[str, Mapping[str, int]]:
-        """Return, per drone and reason, how many of its datagrams said nothing."""
-        return {drone_id: drone.dropped for drone_id, drone in self._fleet.drones.items()}
+    def datagram_counts(self) -> Mapping[str, DatagramCounts]:
+        """Return, per drone, which datagrams were of no use."""
+        return {
+            drone_id: DatagramCounts(drone.dropped, drone.unsent, drone.video_overflows)
+            for drone_id, drone in self._fleet.drones.items()
+        }
 
     def note_stop(self, command: StopCommand, drone_id: str | None) -> None:
         """Tell everybody that an operator has ordered a stop, which is under way already."""

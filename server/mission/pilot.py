@@ -53,7 +53,7 @@ _STEP_M = 0.1
 # So many places where the object was believed to be are kept away from.
 _PLACES_KEPT = 3
 # Seed views may miss their azimuth by this much.
-_AZIMUTH_RAD = 0.3
+SEED_AZIMUTH_RAD = 0.3
 
 
 class Pilot:
@@ -221,7 +221,7 @@ class Pilot:
             off_px = np.abs(box.centroid_px - np.array([camera.cx, camera.cy])).max()
             seen_from = self.pose(drone_id).position_world - self._target.estimate().centre
             azimuth_rad = float(np.arctan2(seen_from[1], seen_from[0]))
-            there = abs(wrap_angle(azimuth_rad - wing.goal.azimuth_rad)) < _AZIMUTH_RAD
+            there = abs(wrap_angle(azimuth_rad - wing.goal.azimuth_rad)) < SEED_AZIMUTH_RAD
             near = off_px < 2.0 * self._config.mission.centred_px
             return there and near and not box.touches_edge
         return False

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 from server.geometry.cameras import Intrinsics
 from server.jobs.plan import KnownPlaces
 from server.jobs.runner import Job, JobFailedError, JobRunner
-from server.jobs.spec import JobSpec
+from server.jobs.spec import TEST_EVERY, JobSpec
 from server.jobs.unfinished import unfinished
 from server.jobs.wanted_view import want_view
 from server.mission.commands import CaptureRequest
@@ -100,7 +100,7 @@ class Reconstruction:
                 "source": "flight",
                 "dataset": str(self._run.path.resolve()),
                 "train_seconds": self._request.train_seconds,
-                "test_every": 8,
+                "test_every": TEST_EVERY,
                 "mode": self._request.mode,
                 "tell_known": self._ask_known,
             },

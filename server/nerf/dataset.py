@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from server.geometry.axes import opencv_from_opengl, opengl_from_opencv
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
+from server.nerf.drafts import whole_file
 from server.nerf.sightings import KnownPixels, known_pixels, read_sightings
-from server.nerf.whole_file import whole_file
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from server.geometry.poses import inverse
 from server.nerf.dataset import Dataset
+from server.nerf.drafts import drafted
 from server.nerf.surface import Surface
 
 Array = NDArray[np.float64]
@@ -75,9 +76,5 @@ def write_colmap(dataset: Dataset, points: Array, colours: NDArray[np.uint8], fo
 
 def _write(file: Path, export: Callable[[str], object]) -> None:
     """Let ``export`` write a file that is complete or not there."""
-    draft = file.with_name(file.name + ".part")
-    try:
+    with drafted(file) as draft:
         export(str(draft))
-        draft.replace(file)
-    finally:
-        draft.unlink(missing_ok=True)

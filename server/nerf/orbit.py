@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
+from server.nerf.drafts import draft_of
 from server.nerf.object_part import ObjectPart
 from server.nerf.orbit_view import orbit_pose
 from server.nerf.rendering import Rendering
@@ -77,7 +78,7 @@ def render_orbit(
         raise ValueError(f"pictures of {width}x{height} cannot be filmed: even sizes from 16 on")
     part = None if around is None else trainer.object_part(_PART_CELLS, occupied=True)
     centre = trainer.space.centre if around is None else around.centre
-    draft = file.with_name(file.name + ".part")
+    draft = draft_of(file)
 
     def picture(turn: float) -> av.VideoFrame:
         pose = orbit_pose(trainer.dataset.T_world_cam, centre, turn)

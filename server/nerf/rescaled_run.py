@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import trimesh
 
+from server.nerf.drafts import draft_of
 from server.nerf.sightings import FILE as SIGHTINGS
 from server.nerf.sightings import draft_sightings, read_sightings
 
@@ -48,20 +49,19 @@ def rescale_runs(runs: Sequence[Path], factor: float, about: dict[str, Any]) -> 
     """
     if not (np.isfinite(factor) and factor > 0.0):
         raise ValueError(f"a scale must be positive, not {factor}")
-    drafts: list[Path] = []
+    drafts: dict[Path, Path] = {}  # By the file whose place each takes.
     try:
         for run in runs:
             for file, make in _makers(run, factor, about):
-                draft = file.with_name(file.name + ".part")
-                drafts.append(draft)
-                with draft.open("wb") as stream:
+                drafts[file] = draft_of(file)
+                with drafts[file].open("wb") as stream:
                     _made(file, make, stream)
                     stream.flush()
                     os.fsync(stream.fileno())
-        for draft in drafts:
-            draft.replace(draft.with_suffix(""))
+        for file, draft in drafts.items():
+            draft.replace(file)
     finally:
-        for draft in drafts:
+        for draft in drafts.values():
             draft.unlink(missing_ok=True)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.geometry.cameras import Intrinsics, whole_pixels
-from server.nerf.whole_file import whole_file
+from server.nerf.drafts import whole_file
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from server.geometry.cameras import Intrinsics
 from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.dataset import Dataset
+from server.nerf.drafts import whole_file
 from server.nerf.exposure import ExposureGains
 from server.nerf.field import initial_parameters, spherical_harmonics
 from server.nerf.hull import tight_space
@@ -31,7 +32,6 @@ from server.nerf.rendering import Rendering, SampledRays
 from server.nerf.sampling import Backend, Samples, sample_rays, visible_part
 from server.nerf.space import SceneSpace, contract, scene_space
 from server.nerf.torch_backend import TorchBackend
-from server.nerf.whole_file import whole_file
 from server.stages import Metrics
 
 Array = NDArray[np.float64]

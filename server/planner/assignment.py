@@ -74,22 +74,6 @@ def assign(
     return Assignment(tuple(rounds))
 
 
-def occupied_separation(
-    assignment: Assignment, drone_poses: Mapping[str, CameraPose], space: FlightSpace
-) -> float:
-    """Return the least separation in metres between places that drones occupy at the same time.
-
-    A drone without a viewpoint in a round stays where it was. Infinite with one drone.
-    """
-    current = {d: p.position_world for d, p in drone_poses.items()}
-    least = float("inf")
-    for views in assignment.rounds:
-        current.update({d: v.position_world for d, v in views.items()})
-        places = np.array(list(current.values()))
-        least = min(least, _least_pair(places, space))
-    return least
-
-
 def _best_sectors(places: Array, starts: Array, space: FlightSpace) -> Plan:
     """Try every cut of the circle into sectors in both directions; return the cheapest."""
     drones, count = len(starts), len(places)
@@ -225,14 +209,6 @@ def _closest_in_round(plan: Plan, places: Array, space: FlightSpace) -> tuple[in
             i, j = np.unravel_index(int(apart.argmin()), apart.shape)
             return int(here[i]), int(here[j])
     return None
-
-
-def _least_pair(places: Array, space: FlightSpace) -> float:
-    if len(places) < 2:
-        return float("inf")
-    apart = separation(places[:, None], places[None], space.downwash_factor)
-    np.fill_diagonal(apart, np.inf)
-    return float(apart.min())
 
 
 def _cartesian(places: Array, centre: Array) -> Array:

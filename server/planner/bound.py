@@ -33,6 +33,10 @@ from server.planner.fitness import (
     total_weight,
     view_worth,
 )
+from server.stages import BoundKind
+
+# At the hundred bytes or so that each takes in a solver's copies: two gigabytes.
+_MOST_ENTRIES = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +63,20 @@ def linear_value(problem: FitnessProblem, chosen: Chosen, views: int) -> float:
     return value / total_weight(config)
 
 
-def bound_gap(problem: FitnessProblem, chosen: Chosen, views: int) -> float:
-    """Return (bound - value) / bound on the linear terms."""
-    bound = upper_bound(problem, views).linear
-    return (bound - linear_value(problem, chosen, views)) / bound
+def fitness_bound(
+    problem: FitnessProblem, chosen: Chosen, views: int, most_entries: int = _MOST_ENTRIES
+) -> tuple[float, BoundKind]:
+    """Bound the fitness of any choice of ``views`` candidates, and name the bound.
+
+    It is ``upper_bound``'s, or ``submodular_bound``'s about ``chosen`` where the linear program
+    would have more than ``most_entries`` and so outgrow the memory.
+
+    Raises:
+        PlanError: As ``upper_bound``.
+    """
+    if np.count_nonzero(problem.quality) > most_entries:
+        return submodular_bound(problem, chosen, views).fitness, "submodular"
+    return upper_bound(problem, views).fitness, "linear program"
 
 
 def upper_bound(problem: FitnessProblem, views: int) -> UpperBound:

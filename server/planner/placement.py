@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from server.planner.annealing import SearchArrays, anneal, gains, greedy, search_arrays
-from server.planner.bound import upper_bound
+from server.planner.bound import fitness_bound
 from server.planner.config import AnnealingConfig
 from server.planner.errors import PlanError
 from server.planner.fitness import FitnessProblem, evaluate
@@ -87,7 +87,8 @@ def place(
         spare_gains=more[spare],
     )
     if config.prove and not stopped:
-        placement = replace(placement, bound=upper_bound(problem, k).fitness)
+        bound, kind = fitness_bound(problem, chosen, k)
+        placement = replace(placement, bound=bound, bound_kind=kind)
     return placement
 
 

@@ -85,41 +85,6 @@ def standard_ring(
     if drones < 1 or rounds < 1:
         raise ValueError("a ring needs at least one drone and one round")
     step = 2.0 * np.pi / (drones * rounds)
-    return _ring(target, drones, rounds, step, intrinsics, tilt_rad, config, start_azimuths)
-
-
-def start_ring(
-    target: Box3,
-    drones: int,
-    intrinsics: Intrinsics,
-    tilt_rad: float,
-    config: PlannerConfig,
-    start_azimuths: Sequence[float],
-) -> Rounds:
-    """Return the viewpoints of the seed views, in which each view has a partner 90 degrees away.
-
-    Four drones (or eight) need one round, one drone needs four, all others two. Arguments, result
-    and errors are those of ``standard_ring``.
-    """
-    rounds = 4 if drones == 1 else (1 if drones % 4 == 0 else 2)
-    return _ring(target, drones, rounds, np.pi / 2, intrinsics, tilt_rad, config, start_azimuths)
-
-
-def ring_assignment(drone_ids: Sequence[str], rounds: Rounds) -> Assignment:
-    """Name the drones of a ring; ``drone_ids`` is in the order of the ring's start azimuths."""
-    return Assignment(tuple(dict(zip(drone_ids, views, strict=True)) for views in rounds))
-
-
-def _ring(
-    target: Box3,
-    drones: int,
-    rounds: int,
-    step: float,
-    intrinsics: Intrinsics,
-    tilt_rad: float,
-    config: PlannerConfig,
-    start_azimuths: Sequence[float],
-) -> Rounds:
     slots = _slots(start_azimuths, drones)
     azimuths = slots[None, :] + step * np.arange(rounds)[:, None]
     radius = _ring_radius(target, drones, intrinsics, tilt_rad, config)
@@ -131,6 +96,11 @@ def _ring(
     if intrusion(places, config.space).any():
         raise PlanError("the ring does not fit: it passes through a no-go volume")
     return views
+
+
+def ring_assignment(drone_ids: Sequence[str], rounds: Rounds) -> Assignment:
+    """Name the drones of a ring; ``drone_ids`` is in the order of the ring's start azimuths."""
+    return Assignment(tuple(dict(zip(drone_ids, views, strict=True)) for views in rounds))
 
 
 def _slots(start_azimuths: Sequence[float], drones: int) -> Array:

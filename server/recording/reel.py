@@ -21,6 +21,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
+from server.nerf.drafts import draft_of
 from server.recording.reading import RecordedMessage, Recording, RecordingError
 
 FOLDER, CONTENTS = "replay", "replay.json"
@@ -97,7 +98,8 @@ def make_reel(recording: Path, run: Path, on_share: Callable[[float], None] | No
         RecordingError: If ``recording`` is none, or shows nothing.
         OSError: If a file cannot be written.
     """
-    folder, draft = run / FOLDER, run / f"{FOLDER}.part"
+    folder = run / FOLDER
+    draft = draft_of(folder)
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir()
     try:

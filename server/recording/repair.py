@@ -12,6 +12,7 @@ from pathlib import Path
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from server.nerf.drafts import drafted
 from server.recording.mcap_file import LIBRARY
 from server.recording.reading import Recording, RecordingError
 from server.recording.reserved_file import forget_reserve
@@ -53,12 +54,8 @@ def repair(path: Path) -> bool:
             return False
         if shutil.disk_usage(path.parent).free < path.stat().st_size + _ROOM_BYTES:
             raise OSError(f"{path}: no room on the disk for a repaired copy")
-        copy = path.with_suffix(".repaired")
-        try:
+        with drafted(path) as copy:
             _copy_whole(Recording(path), copy)
-            copy.replace(path)
-        finally:
-            copy.unlink(missing_ok=True)
     return True
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from server.geometry.axes import wrap_angle
 from server.mission.eyes import Sight
-from server.mission.pilot import Pilot
+from server.mission.pilot import SEED_AZIMUTH_RAD, Pilot
 from server.mission.seeding import is_new, refined_seed, seen_view
 from server.replay.recorded_fleet import RecordedEye, RecordedFleet
 from server.stages import SeedGeometry, View
@@ -21,8 +21,6 @@ from server.vision.config import SeedConfig
 from server.vision.seed import SeedError, seed_from_views
 
 _QUARTER_TURN = np.pi / 2.0
-# As in flight, a seed view may miss its azimuth by this much.
-_AZIMUTH_RAD = 0.3
 
 
 @dataclass(slots=True)
@@ -128,7 +126,7 @@ class RecordedSeeding:
         wanted_rad = self._pilot.start_azimuth_rad(drone_id) + turn * _QUARTER_TURN
         offset = view.pose.position_world - self._pilot.target().centre
         azimuth_rad = float(np.arctan2(offset[1], offset[0]))
-        return abs(wrap_angle(azimuth_rad - wanted_rad)) <= _AZIMUTH_RAD
+        return abs(wrap_angle(azimuth_rad - wanted_rad)) < SEED_AZIMUTH_RAD
 
     # Rounds ----------------------------------------------------------------------------------
 

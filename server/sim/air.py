@@ -71,6 +71,7 @@ class AirLink:
 
     Attributes:
         tello: The drone: the truth.
+        unsent: See ``DroneLink``; the air takes everything.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class AirLink:
             latency_s: What each datagram takes when nothing is wrong, seconds.
         """
         self.tello = tello
+        self.unsent = 0
         self._camera = camera
         self._picture_s = 1.0 / fps
         for radio in (tello.uplink, tello.downlink):

@@ -109,7 +109,7 @@ class DynamicsConfig:
 
 @dataclass(frozen=True, slots=True)
 class CameraConfig:
-    """How the simulated cameras take pictures; ``CameraConfig.ideal()`` is a still pinhole.
+    """How the simulated cameras take pictures.
 
     Attributes:
         distortion: Brown's ``(k1, k2, p1, p2, k3)`` of every lens, which its calibration knows.
@@ -149,12 +149,6 @@ class CameraConfig:
         for name in ("depth_m", "gain_tau_s"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
-
-    @classmethod
-    def ideal(cls) -> CameraConfig:
-        """Return the camera that takes what is drawn."""
-        none = (0.0, 0.0, 0.0, 0.0, 0.0)
-        return cls(none, 0.0, 0.0, 0.0, 0.0, gain_sigma=0.0, balance_sigma=0.0)
 
     @property
     def calibrated(self) -> Intrinsics:

@@ -7,6 +7,8 @@ import os
 import threading
 from pathlib import Path
 
+from server.nerf.drafts import draft_of
+
 
 def write_atomic(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` so that a crash leaves the old file or the new one, never half.
@@ -17,7 +19,7 @@ def write_atomic(path: Path, data: bytes) -> None:
         OSError: If it cannot be written (disk full, no such folder); the old file is untouched.
     """
     writer = f"{os.getpid()}-{threading.get_ident()}"
-    temporary = str(path.with_name(f".{path.name}.{writer}.part"))
+    temporary = str(draft_of(path, writer))
     try:
         file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         try:

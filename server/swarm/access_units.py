@@ -105,13 +105,11 @@ class AccessUnits:
 
     Attributes:
         orphans: Datagrams dropped because they continue nothing.
-        suspected: Losses suspected so far.
         repeated: Datagrams dropped because they came twice.
     """
 
     def __init__(self) -> None:
         self.orphans = 0
-        self.suspected = 0
         self.repeated = 0
         self._count = 0
         self._lately: deque[bytes] = deque(maxlen=_PIECES_KEPT)
@@ -170,7 +168,6 @@ class AccessUnits:
 
     def _suspect(self) -> None:
         self._damaged = True
-        self.suspected += 1
 
     def _finish(self) -> AccessUnit:
         data = bytes(self._buffer)

@@ -206,6 +206,11 @@ class Drone:
         }
 
     @property
+    def unsent(self) -> int:
+        """Datagrams that could not be handed to the network."""
+        return self._link.unsent
+
+    @property
     def fired(self) -> tuple[Fired, ...]:
         """The rows of the failsafe table that fire now, the strongest action first."""
         return self._flight.sentry.fired
@@ -252,6 +257,11 @@ class Drone:
     def pictures_skipped(self) -> int:
         """Pictures that the reader of ``next_in_order`` was too slow for."""
         return self._pictures.skipped
+
+    @property
+    def video_overflows(self) -> int:
+        """Times all video that waited to be decoded was dropped, because decoding was too late."""
+        return self._pictures.overflows
 
     def observe_flight(self, readings: FlightReadings, now_s: float) -> None:
         """Take what the pilot believes of this drone; due many times a second while it is flown.

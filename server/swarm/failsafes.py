@@ -168,7 +168,7 @@ class FailsafeTable:
         object_age_s: The object bounds the drift of the believed pose.
         velocity_age_s: It has lost its hold on the floor (dark, plain, too high) and drifts.
         operator_silence_s: Counts from the last heartbeat of an attached operator.
-        mission_silence_s: The process or loop that steers has gone; setpoints expire before that.
+        mission_silence_s: The loop that steers hangs or has ended; setpoints expire before that.
     """
 
     state_age_s: Mapping[Action, float] = field(default_factory=lambda: _row(hold=1.0, land=3.0))

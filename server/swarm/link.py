@@ -15,7 +15,13 @@ logger = logging.getLogger(__name__)
 
 
 class DroneLink(Protocol):
-    """Sends datagrams to a drone and hands over what it sends; lives on the event loop."""
+    """Sends datagrams to a drone and hands over what it sends; lives on the event loop.
+
+    Attributes:
+        unsent: Datagrams that could not be handed to the network.
+    """
+
+    unsent: int
 
     async def open(self, on_reply: Receiver, on_state: Receiver, on_video: Receiver) -> None:
         """Open the sockets; receivers are called with (datagram, arrival time in seconds).
@@ -39,7 +45,7 @@ class UdpDroneLink:
 
     Attributes:
         address: Where it is; empty while that is not known.
-        unsent: Datagrams that could not be handed to the network.
+        unsent: See ``DroneLink``.
     """
 
     def __init__(self, config: DroneConfig, board: PortBoard | None = None) -> None:

@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from server.stages import Frame
 from server.swarm.errors import DroneError
@@ -36,6 +36,17 @@ class FrameDecoder(Protocol):
     def feed(self, datagram: bytes, arrived_s: float) -> None:
         """Take one video datagram; neither blocks nor raises for bad data."""
         ...
+
+
+@runtime_checkable
+class BacklogDecoder(FrameDecoder, Protocol):
+    """A decoder at whose door datagrams wait.
+
+    Attributes:
+        overflows: Times all that waited was dropped, because decoding was too late.
+    """
+
+    overflows: int
 
 
 # Makes the decoder of a drone by its id; it calls the second argument, on the event loop, with
@@ -114,6 +125,11 @@ class Pictures:
         """Decoded pictures per second over the last seconds."""
         since_s = self._clock() - _FPS_WINDOW_S
         return sum(at_s > since_s for at_s in self._times) / _FPS_WINDOW_S
+
+    @property
+    def overflows(self) -> int:
+        """Times all video that waited to be decoded was dropped, because decoding was too late."""
+        return self._decoder.overflows if isinstance(self._decoder, BacklogDecoder) else 0
 
     async def next(self, after: int) -> Frame:
         """Return the newest picture whose sequence exceeds ``after``, waiting for one if need be.

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.vision.blob import Blob
 from server.vision.config import RegionConfig
 from server.vision.masks import Mask, Window, first_guess, keep_object, lab_bins
 from server.vision.pyramid import fast_blobs
-from server.vision.scale_space import Blob
 from server.vision.work import Work
 
 # How far an object's extent exceeds its blob's radius.

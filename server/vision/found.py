@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from server.vision.blob import Blob
 from server.vision.masks import Mask
-from server.vision.scale_space import Blob
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,7 +52,6 @@ class PoseFilter:
 
     Attributes:
         drone_id: Which drone.
-        refused_boxes: Boxes refused so far because they did not fit what is believed.
     """
 
     def __init__(
@@ -76,7 +75,6 @@ class PoseFilter:
             tilt_rad: How far it looks below the horizon.
         """
         self.drone_id = drone_id
-        self.refused_boxes = 0
         self._config = config
         self._intrinsics = intrinsics
         self._R_body_cam = rotation_zyx(0.0, tilt_rad, 0.0) @ R_BODY_LEVEL_CAM
@@ -256,8 +254,6 @@ class PoseFilter:
         fitted = self._correct(measured - expected, H, variances, self._config.gate)
         if fitted:
             self._box_at_s = at_s
-        else:
-            self.refused_boxes += 1
         return fitted
 
     def _measure_box(self, box: Box) -> tuple[Array, Array]:

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.vision.blob import Blob
 from server.vision.config import RegionConfig
 from server.vision.cutting import cut_within, fitted_outline
 from server.vision.found import Found
 from server.vision.masks import Mask, keep_object, lab_bins, learn_colours, surroundings
-from server.vision.scale_space import Blob
 from server.vision.work import Work
 
 Array = NDArray[np.float64]

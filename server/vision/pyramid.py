@@ -8,7 +8,7 @@ answer. Blurring is diffusion, dL/dt = (g_xx + g_yy) * I / 2, so two blurred pic
 up to the third order of the step. Each scale is the middle of two neighbouring blurs; after an
 octave the picture is halved. Maxima are interpolated in x, y and log sigma by parabolas, so that
 their place is better than a pixel of the halved picture. ``server.vision.scale_space`` computes
-the same without approximation and is what this is tested against.
+the same without approximation and is the definition that the tests hold this to.
 
 Coordinates given and returned are working pixels.
 """
@@ -21,8 +21,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.vision.blob import Blob, interpolated
 from server.vision.config import RegionConfig
-from server.vision.scale_space import Blob, interpolated
 
 Array32 = NDArray[np.float32]
 

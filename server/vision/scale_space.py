@@ -10,37 +10,21 @@ positively; equation 2 multiplies by sigma^2, which makes answers of different s
 A disc of radius r answers most strongly at sigma = r / sqrt(2). Objects are brighter or darker than
 what surrounds them, or differ in colour alone, so the magnitude over the Lab channels is searched:
 |R| = sqrt(R_L^2 + w^2 (R_a^2 + R_b^2)), both signs at once.
+
+This is the definition, exact and slow. Pictures are searched by ``server.vision.pyramid``, which
+the tests hold to it.
 """
 
 from __future__ import annotations
-
-import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.vision.blob import Blob, interpolated
 from server.vision.config import RegionConfig
 
 Array32 = NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True)
-class Blob:
-    """A maximum of the magnitude in space and scale.
-
-    Attributes:
-        x_px: Place along x, working pixels.
-        y_px: Place along y, working pixels.
-        sigma_px: Scale, working pixels.
-        response: Magnitude there, Lab units.
-    """
-
-    x_px: float
-    y_px: float
-    sigma_px: float
-    response: float
 
 
 def lab_float(image_bgr: NDArray[np.uint8]) -> Array32:
@@ -81,37 +65,11 @@ def log_response(channels: Array32, sigma_px: float) -> Array32:
 def log_stack(channels: Array32, sigmas_px: Array32, chroma_weight: float = 1.0) -> Array32:
     """Return |R| ``(n, h, w)`` of a Lab picture ``(h, w, 3)`` for every sigma, working pixels.
 
-    Nothing is approximated, so it is slow: it defines what ``server.vision.pyramid`` computes.
+    Nothing is approximated.
     """
     weighted = channels * np.array([1.0, chroma_weight, chroma_weight], np.float32)
     layers = [log_response(weighted, float(sigma)) for sigma in np.asarray(sigmas_px, float)]
     return np.stack([np.sqrt((layer**2).sum(axis=2)) for layer in layers])
-
-
-def parabola_peak(before: float, here: float, after: float) -> float:
-    """Return where three equidistant samples of a bell peak, from the middle one, -0.5 to 0.5.
-
-    The logarithm of a bell is nearly a parabola, the bell itself is not.
-    """
-    low, middle, high = (math.log(max(v, 1e-6)) for v in (before, here, after))
-    curvature = low - 2.0 * middle + high
-    if curvature >= 0.0:
-        return 0.0
-    return max(-0.5, min(0.5, 0.5 * (low - high) / curvature))
-
-
-def interpolated(stack: Array32, k: int, y: int, x: int) -> tuple[float, float, float]:
-    """Return offsets of the maximum at a sample in x, y (samples) and scale (steps)."""
-    layer = stack[k]
-    here = float(layer[y, x])
-    dx = dy = ds = 0.0
-    if 0 < x < layer.shape[1] - 1:
-        dx = parabola_peak(float(layer[y, x - 1]), here, float(layer[y, x + 1]))
-    if 0 < y < layer.shape[0] - 1:
-        dy = parabola_peak(float(layer[y - 1, x]), here, float(layer[y + 1, x]))
-    if 0 < k < len(stack) - 1:
-        ds = parabola_peak(float(stack[k - 1, y, x]), here, float(stack[k + 1, y, x]))
-    return dx, dy, ds
 
 
 def find_blobs(stack: Array32, sigmas_px: Array32, min_response: float) -> list[Blob]:

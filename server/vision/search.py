@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from server.vision.background import floor_surprise, sharp_edges, surprise, threshold
+from server.vision.blob import Blob
 from server.vision.colour_search import largest_colour_region
 from server.vision.confidence import clues, confidence
 from server.vision.config import RegionConfig
@@ -20,7 +21,6 @@ from server.vision.found import Found
 from server.vision.ground import foot_factor, foot_rows
 from server.vision.masks import Mask, keep_object, lab_bins, learn_colours
 from server.vision.pyramid import fast_blobs
-from server.vision.scale_space import Blob
 from server.vision.work import Work
 
 Array32 = NDArray[np.float32]

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from server.geometry.boxes import Box3, union
+from server.geometry.boxes import Box3
 from server.geometry.poses import inverse, transform_points
 from server.stages import SeedGeometry, View
 from server.vision.config import SeedConfig
@@ -262,8 +262,3 @@ def _no_thinner(box: Box3, config: SeedConfig) -> Box3:
 
 def _clipped(box: Box3, outer: Box3) -> Box3:
     return Box3(np.maximum(box.lower, outer.lower), np.minimum(box.upper, outer.upper))
-
-
-def as_single_box(seed: SeedGeometry) -> Box3:
-    """Return the smallest box around the slices (at most the outer box)."""
-    return union(seed.boxes)

@@ -24,6 +24,7 @@ from server.mission.commands import (
     Area,
     CaptureRecord,
     CaptureRequest,
+    DatagramCounts,
     DroneCommand,
     FloorPlan,
     PointedPlace,
@@ -346,8 +347,8 @@ class FakeMission:
     def disk_free_mb(self) -> float | None:
         return 2500.0
 
-    def dropped_datagrams(self) -> dict[str, dict[str, int]]:
-        return {"drone-1": {"garbage": 3, "bad_state": 0}}
+    def datagram_counts(self) -> dict[str, DatagramCounts]:
+        return {"drone-1": DatagramCounts({"garbage": 3, "bad_state": 0}, 5, 2)}
 
     def note_stop(self, command: str, drone_id: str | None) -> None:
         if self.speechless:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
-import uvicorn
 from fake_jobs import FakeRunner
 from fake_mission import FakeMission, FakeStops
 
@@ -20,15 +18,10 @@ from server.api.door import Door
 from server.api.serving import uvicorn_config
 from server.api.web import make_web
 from server.jobs.book import JobBook
+from server.jobs.unsignalled import UnsignalledServer
 from server.mission.busy_captures import BusyCaptures
 
 TOKEN = "correct-horse-battery-staple"
-
-
-class _Server(uvicorn.Server):
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
 
 
 @dataclass
@@ -75,7 +68,7 @@ async def serve(
     door = Door(ring, prefix=prefix)
     book = JobBook(FakeRunner())
     web = make_web(mission, stops, book, BusyCaptures(), door, scene_port, dist, "0.1.0", config)
-    server = _Server(uvicorn_config(web, "127.0.0.1", 0, tls))
+    server = UnsignalledServer(uvicorn_config(web, "127.0.0.1", 0, tls))
     serving = asyncio.create_task(server.serve())
     while not server.started:
         if serving.done():

@@ -468,6 +468,8 @@ async def test_health_is_open_and_metrics_are_not(console: Console) -> None:
     assert "dronerf_stream_clients 0" in text
     dropped = "dronerf_drone_datagrams_dropped_total"
     assert f'{dropped}{{drone="drone-1",reason="garbage"}} 3' in text
+    assert 'dronerf_drone_datagrams_unsent_total{drone="drone-1"} 5' in text
+    assert 'dronerf_video_overflows_total{drone="drone-1"} 2' in text
     assert "dronerf_disk_free_bytes 2500000000" in text
 
 

@@ -33,6 +33,8 @@ SIZE = (CAMERA.height, CAMERA.width, 3)
 class NoLink:
     """A link to nowhere."""
 
+    unsent = 0
+
     async def open(self, on_reply: Receiver, on_state: Receiver, on_video: Receiver) -> None:
         pass
 

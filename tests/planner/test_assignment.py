@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from planner_objects import pose_at
+from planner_objects import occupied_separation, pose_at
 
-from server.planner.assignment import assign, occupied_separation
+from server.planner.assignment import assign
 from server.planner.config import FlightSpace
 from server.planner.errors import PlanError
 from server.planner.paths import arc_points, cylindrical, separation

@@ -9,6 +9,7 @@ import pytest
 
 from server.planner.annealing import greedy, search_arrays
 from server.planner.bound import (
+    fitness_bound,
     linear_value,
     proven_optimum,
     submodular_bound,
@@ -60,6 +61,17 @@ def test_the_submodular_bound_is_below_the_sum_of_single_views(dog_problem: Fitn
     all_steps = submodular_bound(dog_problem, chosen, 8)
     assert all_steps.linear < none.linear
     assert linear_value(dog_problem, chosen, 8) <= all_steps.linear
+
+
+def test_where_the_program_is_too_large_the_bound_is_the_submodular_one_and_named_so(
+    few: FitnessProblem,
+) -> None:
+    chosen = greedy(search_arrays(few, 3), 3).astype(np.intp)
+    programmed, modular = upper_bound(few, 3).fitness, submodular_bound(few, chosen, 3).fitness
+    entries = int(np.count_nonzero(few.quality))
+    assert fitness_bound(few, chosen, 3, entries) == (programmed, "linear program")
+    assert fitness_bound(few, chosen, 3, entries - 1) == (modular, "submodular")
+    assert fitness_bound(few, chosen, 3)[1] == "linear program"
 
 
 def test_more_views_than_candidates_is_said(few: FitnessProblem) -> None:

@@ -6,10 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from planner_objects import pose_at
+from planner_objects import occupied_separation, pose_at
 
 from server.geometry.cameras import TELLO_INTRINSICS, TELLO_TILT_RAD
-from server.planner.assignment import occupied_separation
 from server.planner.config import (
     AnnealingConfig,
     AvoidanceConfig,

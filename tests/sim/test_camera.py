@@ -7,6 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from ideal_camera import IDEAL_CAMERA
 from scipy.spatial.transform import Rotation
 
 from server.geometry.cameras import TELLO_INTRINSICS
@@ -51,7 +52,7 @@ def found(image: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 def test_an_ideal_camera_takes_what_is_drawn() -> None:
-    config = CameraConfig.ideal()
+    config = IDEAL_CAMERA
     assert canvas_intrinsics(config) == TELLO_INTRINSICS
     assert true_intrinsics(config, 3, 1) == config.calibrated == TELLO_INTRINSICS
     image = dots(transform_points(POSE, PLACES_CAM), POSE, config)
@@ -117,7 +118,7 @@ def _variances(picture: np.ndarray) -> np.ndarray:
 
 
 def test_exposure_and_white_balance_wander_slowly_and_repeat() -> None:
-    config = replace(CameraConfig.ideal(), gain_sigma=0.1, balance_sigma=0.03)
+    config = replace(IDEAL_CAMERA, gain_sigma=0.1, balance_sigma=0.03)
     grey = np.full((720, 960, 3), 120, np.uint8)
     cameras = [SimulatedCamera(config, 5, 2) for _ in range(2)]
     series = [

@@ -120,7 +120,7 @@ class DeafLink:
     """Counts what is sent and forgets it."""
 
     def __init__(self) -> None:
-        self.sent = 0
+        self.sent = self.unsent = 0
         self.receivers: tuple[Receiver, Receiver, Receiver] | None = None
 
     async def open(self, on_reply: Receiver, on_state: Receiver, on_video: Receiver) -> None:

@@ -17,10 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ideal_camera import IDEAL_CAMERA
 from numpy.typing import NDArray
 from virtual_air import CALM, setpoint
 
-from server.sim.config import CameraConfig, SimConfig, fleet_config
+from server.sim.config import SimConfig, fleet_config
 from server.sim.drone import SimError, SimulatedDrone
 from server.sim.simulator import run_simulator
 from server.swarm.config import DroneConfig, FleetConfig
@@ -41,7 +42,7 @@ def some_simulation(drones: int) -> SimConfig:
         drones=drones,
         base_address=f"{block}.1",
         dynamics=CALM,
-        camera=CameraConfig.ideal(),
+        camera=IDEAL_CAMERA,
         fps_cap=10.0,
     )
 
@@ -278,9 +279,10 @@ async def test_two_drones_that_exchange_their_addresses_are_both_heard() -> None
 
 
 async def test_a_closed_link_counts_what_it_cannot_send() -> None:
-    link = UdpDroneLink(DroneConfig(address="127.0.0.9"))
+    config = DroneConfig(address="127.0.0.9")
+    link = UdpDroneLink(config)
     link.send(b"stop")
-    assert link.unsent == 1
+    assert Drone(config, link).unsent == link.unsent == 1
 
 
 async def test_a_fleet_whose_ports_are_taken_leaves_nothing_open() -> None:

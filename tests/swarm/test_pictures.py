@@ -12,6 +12,7 @@ import pytest
 from server.stages import CodedPicture, Frame
 from server.swarm.errors import DroneError
 from server.swarm.pictures import FrameDecoder, Pictures
+from server.swarm.video import VideoDecoder
 
 
 class HandFed:
@@ -42,6 +43,14 @@ def opened() -> tuple[Pictures, Callable[[Frame], None]]:
         return HandFed(on_frame)
 
     return Pictures("d", lambda: 0.0, make), given[0]
+
+
+def test_a_decoder_tells_what_it_was_too_late_for() -> None:
+    decoder = VideoDecoder("d", lambda _: None)
+    pictures = Pictures("d", lambda: 0.0, lambda *_: decoder)
+    decoder.overflows = 3
+    assert pictures.overflows == 3
+    assert opened()[0].overflows == 0, "nothing waits there"
 
 
 async def begin_reading(pictures: Pictures, give: Callable[[Frame], None]) -> None:

@@ -24,6 +24,7 @@ class FakeDroneLink:
     """Records what is sent; the test plays the drone."""
 
     def __init__(self) -> None:
+        self.unsent = 0
         self.sent: list[bytes] = []
         self.reply: Receiver | None = None
         self.state: Receiver | None = None

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from server.vision.blob import Blob
 from server.vision.config import RegionConfig
 from server.vision.pyramid import fast_blobs
-from server.vision.scale_space import Blob, find_blobs, lab_float, log_kernels, log_stack, scales
+from server.vision.scale_space import find_blobs, lab_float, log_kernels, log_stack, scales
 
 # Twelve scales per octave: the reference is as fine as its time allows.
 FINE = np.geomspace(4.0, 48.0, int(12 * np.log2(12.0)) + 1).astype(np.float32)

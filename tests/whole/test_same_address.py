@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ideal_camera import IDEAL_CAMERA
 from namespaces import DRONE_ADDRESS, Networks, networks, pull_out, put_in, simulator
 from programs import COMMAND, TOKEN
 
-from server.sim.config import CameraConfig, SimConfig
+from server.sim.config import SimConfig
 from server.sim.drone import SimulatedDrone
 from server.sim.namespaces import NamespaceError, in_namespace
 from server.sim.studio import Studio
@@ -83,7 +84,7 @@ async def fly_four(made: Networks, path: Path) -> None:
         start_sigma_deg=0.0,
         fps_cap=10.0,
         # Pictures are told apart by their brightness, which no exposure may change.
-        camera=CameraConfig.ideal(),
+        camera=IDEAL_CAMERA,
     )
     bodies = [SimulatedDrone(config, index) for index in range(_DRONES)]
     async with AsyncExitStack() as stack:
