@@ -12,9 +12,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+from server.drafts import drafted
 from server.jobs.unfinished import STATE, WANTED
 from server.nerf.dataset import Dataset
-from server.nerf.drafts import drafted
 from server.nerf.training import Trainer
 
 # So much training is lost at most. Writing takes some 0.1 s.

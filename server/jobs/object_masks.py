@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.drafts import whole_file
 from server.nerf.dataset import Dataset
-from server.nerf.drafts import whole_file
 from server.nerf.flight import FlightPicture
 from server.stages import CameraPose
 from server.vision.config import RegionConfig, SeedConfig

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from server.drafts import drafted
 from server.jobs.callback import CallbackServer, Channel
 from server.jobs.config import RayConfig
 from server.jobs.ray_api import RayApi, RayError
@@ -19,7 +20,6 @@ from server.jobs.runner import JobFailedError
 from server.jobs.spec import EVENTS, STOP, JobSpec
 from server.jobs.staging import Staging
 from server.jobs.unfinished import WANTED
-from server.nerf.drafts import drafted
 
 logger = logging.getLogger(__name__)
 

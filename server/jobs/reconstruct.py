@@ -19,6 +19,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel
 
+from server.drafts import whole_file
 from server.geometry.boxes import union
 from server.jobs.kept_training import KeptTraining
 from server.jobs.object_masks import cut_anew
@@ -28,7 +29,6 @@ from server.jobs.spec import TEST_EVERY, JobSpec, JobStoppedError, Reporting
 from server.jobs.worker import Reporter
 from server.nerf.config import FieldConfig, TrainConfig, suited_configs
 from server.nerf.dataset import Dataset, DatasetError, PosedFile, load_dataset, write_transforms
-from server.nerf.drafts import whole_file
 from server.nerf.flight import read_pictures
 from server.nerf.hull import box_of_masks
 from server.nerf.pose_config import PoseConfig

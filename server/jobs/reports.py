@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.drafts import drafted
 from server.jobs.spec import Reporting
 from server.jobs.wanted_view import WantedView
 from server.jobs.worker import Reporter
-from server.nerf.drafts import drafted
 from server.nerf.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from server.nerf.orbit_view import OrbitView
 from server.nerf.preview import render_preview

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fsspec.core import url_to_fs
 
-from server.nerf.drafts import draft_name, drafted, is_draft
+from server.drafts import draft_name, drafted, is_draft
 
 # What no reconstruction reads; a recording alone may have gigabytes, and hidden files are not ours
 # to send.

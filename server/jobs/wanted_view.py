@@ -10,8 +10,8 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+from server.drafts import drafted
 from server.jobs.spec import VIEW
-from server.nerf.drafts import drafted
 from server.nerf.orbit_view import OrbitView
 
 

@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from server.drafts import whole_file
 from server.geometry.axes import opencv_from_opengl, opengl_from_opencv
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.nerf.drafts import whole_file
 from server.nerf.sightings import KnownPixels, known_pixels, read_sightings
 
 Array = NDArray[np.float64]

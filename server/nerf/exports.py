@@ -13,9 +13,9 @@ import pycolmap
 import trimesh
 from numpy.typing import NDArray
 
+from server.drafts import drafted
 from server.geometry.poses import inverse
 from server.nerf.dataset import Dataset
-from server.nerf.drafts import drafted
 from server.nerf.surface import Surface
 
 Array = NDArray[np.float64]

@@ -10,9 +10,9 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
+from server.drafts import draft_of
 from server.geometry.boxes import Box3
 from server.geometry.cameras import Intrinsics
-from server.nerf.drafts import draft_of
 from server.nerf.object_part import ObjectPart
 from server.nerf.orbit_view import orbit_pose
 from server.nerf.rendering import Rendering

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import trimesh
 
-from server.nerf.drafts import draft_of
+from server.drafts import draft_of
 from server.nerf.sightings import FILE as SIGHTINGS
 from server.nerf.sightings import draft_sightings, read_sightings
 

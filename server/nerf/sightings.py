@@ -17,8 +17,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from server.drafts import whole_file
 from server.geometry.cameras import Intrinsics, whole_pixels
-from server.nerf.drafts import whole_file
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from server.drafts import whole_file
 from server.geometry.cameras import Intrinsics
 from server.nerf.config import FieldConfig, TrainConfig
 from server.nerf.dataset import Dataset
-from server.nerf.drafts import whole_file
 from server.nerf.exposure import ExposureGains
 from server.nerf.field import initial_parameters, spherical_harmonics
 from server.nerf.hull import tight_space

@@ -21,7 +21,7 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-from server.nerf.drafts import draft_of
+from server.drafts import draft_of
 from server.recording.reading import RecordedMessage, Recording, RecordingError
 
 FOLDER, CONTENTS = "replay", "replay.json"

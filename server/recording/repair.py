@@ -12,7 +12,7 @@ from pathlib import Path
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from server.nerf.drafts import drafted
+from server.drafts import drafted
 from server.recording.mcap_file import LIBRARY
 from server.recording.reading import Recording, RecordingError
 from server.recording.reserved_file import forget_reserve

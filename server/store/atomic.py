@@ -7,7 +7,7 @@ import os
 import threading
 from pathlib import Path
 
-from server.nerf.drafts import draft_of
+from server.drafts import draft_of
 
 
 def write_atomic(path: Path, data: bytes) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from server.api.files import files_below, inside
-from server.nerf.drafts import draft_name, draft_of, drafted, is_draft, whole_file
+from server.drafts import draft_name, draft_of, drafted, is_draft, whole_file
 
 
 def test_a_file_that_is_being_written_is_not_listed(tmp_path: Path) -> None:
