@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from server.stages import Frame
 from server.swarm.errors import DroneError
@@ -23,7 +23,13 @@ _CODED_KEPT = 60
 
 
 class FrameDecoder(Protocol):
-    """Turns video datagrams into frames; an async context manager living on the event loop."""
+    """Turns video datagrams into frames; an async context manager living on the event loop.
+
+    Attributes:
+        overflows: Times all that waited to be decoded was dropped, because decoding was too late.
+    """
+
+    overflows: int
 
     async def __aenter__(self) -> object:
         """Begin."""
@@ -36,17 +42,6 @@ class FrameDecoder(Protocol):
     def feed(self, datagram: bytes, arrived_s: float) -> None:
         """Take one video datagram; neither blocks nor raises for bad data."""
         ...
-
-
-@runtime_checkable
-class BacklogDecoder(FrameDecoder, Protocol):
-    """A decoder at whose door datagrams wait.
-
-    Attributes:
-        overflows: Times all that waited was dropped, because decoding was too late.
-    """
-
-    overflows: int
 
 
 # Makes the decoder of a drone by its id; it calls the second argument, on the event loop, with
@@ -129,7 +124,7 @@ class Pictures:
     @property
     def overflows(self) -> int:
         """Times all video that waited to be decoded was dropped, because decoding was too late."""
-        return self._decoder.overflows if isinstance(self._decoder, BacklogDecoder) else 0
+        return self._decoder.overflows
 
     async def next(self, after: int) -> Frame:
         """Return the newest picture whose sequence exceeds ``after``, waiting for one if need be.

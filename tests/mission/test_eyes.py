@@ -48,6 +48,8 @@ class NoLink:
 class NoDecoder:
     """The test hands the frames over itself."""
 
+    overflows = 0
+
     async def __aenter__(self) -> NoDecoder:
         return self
 

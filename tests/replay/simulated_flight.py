@@ -40,6 +40,8 @@ RECORDING = RecordingConfig(min_free_bytes=1 << 20)
 class PromptDecoder:
     """Decodes at once, on the loop: virtual time does not wait for a decoder's thread."""
 
+    overflows = 0
+
     def __init__(self, drone_id, on_frame):
         self._units = AccessUnits()
         self._decoder = UnitDecoder(drone_id)

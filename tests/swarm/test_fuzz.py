@@ -136,6 +136,8 @@ class DeafLink:
 class NoPictures:
     """A decoder that drops everything."""
 
+    overflows = 0
+
     async def __aenter__(self) -> NoPictures:
         return self
 

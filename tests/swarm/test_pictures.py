@@ -18,6 +18,8 @@ from server.swarm.video import VideoDecoder
 class HandFed:
     """A decoder whose frames the test hands over itself."""
 
+    overflows = 0
+
     def __init__(self, on_frame: Callable[[Frame], None]) -> None:
         self.give = on_frame
 

@@ -66,6 +66,8 @@ def test_orders_are_rare_and_never_raise_the_rate_in_the_air(
 class _Broken:
     """A decoder whose pictures are damaged, ten a second."""
 
+    overflows = 0
+
     def __init__(self, drone_id: str, on_frame: Callable[[Frame], None]) -> None:
         self._drone_id, self._on_frame = drone_id, on_frame
         self._task: asyncio.Task[None] | None = None

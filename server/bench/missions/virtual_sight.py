@@ -99,6 +99,7 @@ class VirtualDecoder:
     """Turns virtual pictures into frames; stands in for the H.264 decoder."""
 
     def __init__(self, drone_id: str, on_frame: Callable[[Frame], None]) -> None:
+        self.overflows = 0  # Nothing waits here.
         self._drone_id = drone_id
         self._on_frame = on_frame
         self._sequence = 0
