@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, cast
@@ -219,7 +220,7 @@ def make_captures_router(
     )
     async def star_capture(capture_id: str) -> Response:
         """Keep it: retention deletes no capture with a star."""
-        _star(mission.capture(capture_id), True)
+        await _star(mission.capture(capture_id), True)
         return Response(status_code=204)
 
     @router.delete(
@@ -230,7 +231,7 @@ def make_captures_router(
     )
     async def unstar_capture(capture_id: str) -> Response:
         """Let retention have it again."""
-        _star(mission.capture(capture_id), False)
+        await _star(mission.capture(capture_id), False)
         return Response(status_code=204)
 
     @router.get("/{capture_id}/metrics", operation_id="getCaptureMetrics", responses=described(404))
@@ -303,8 +304,9 @@ def make_captures_router(
     return router
 
 
-def _star(record: CaptureRecord, starred: bool) -> None:
+async def _star(record: CaptureRecord, starred: bool) -> None:
     try:
-        star_run(Path(record.status.run), starred)
+        # It waits for the disk, which the loop that flies must not.
+        await asyncio.to_thread(star_run, Path(record.status.run), starred)
     except OSError as error:
         raise RefusedError(f"{record.status.run}: {error.strerror}") from error

@@ -188,11 +188,10 @@ def test_the_seed_is_refined_as_in_the_flight(flight, replayed):
     # What the pilot aims at and expects is always the newest.
     assert flight.watched.seeds == [4, 8, 12]
     assert replayed.watched.seeds == [seed.views for seed in seeds]
-    # A view is only lost where the file lost a picture that the flight had.
-    lost = sum(tally.damaged for tally in replayed.result.drones.values())
-    assert len(seeds) == len(flown)
-    for seed, wanted in zip(seeds, flown, strict=True):
-        assert wanted["views"] - lost <= seed.views <= wanted["views"]
+    # After the first four a drone may lack a view of each round, if the file lost pictures of it.
+    lossy = sum(tally.damaged > 0 for tally in replayed.result.drones.values())
+    for rounds, (seed, wanted) in enumerate(zip(seeds, flown, strict=True)):
+        assert wanted["views"] - lossy * rounds <= seed.views <= wanted["views"]
         assert np.abs(seed.outer.centre - _centre(wanted["outer"])).max() < 0.1
         # It stays, because the plan keeps clear of it; what is inside is carved anew.
         assert seed.outer is seeds[0].outer
