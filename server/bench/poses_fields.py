@@ -63,7 +63,7 @@ def psnr_with(
 
 def _settled(trainer: Trainer, dataset: Dataset, index: int, T_world_cam: Array) -> Array:
     return fit_pose(
-        trainer.render,
+        lambda camera, pose: trainer.render(camera, pose).rgb,
         dataset.images[index],
         dataset.intrinsics[index],
         T_world_cam,

@@ -3,9 +3,8 @@
 Test cameras are known in the true world, fields live in the frame that their poses made up. The
 similarity between the two leaves small errors of its own, which are no fault of the field; the
 usual protocol (Lin et al., "BARF", ICCV 2021, section 4) lets every test camera settle first.
-Gauss-Newton needs few steps, and one rendering for each: how the picture changes with each of the
-six motions follows from its depth, as in direct visual odometry (Kerl et al., ICRA 2013, section
-III), and bright errors count linearly (Huber's weights).
+Gauss-Newton needs few steps: the picture's change by each of the six motions is taken from
+renderings, and bright errors count linearly (Huber's weights).
 """
 
 from __future__ import annotations
@@ -19,21 +18,18 @@ from scipy.spatial.transform import Rotation
 
 from server.geometry.cameras import Intrinsics
 from server.geometry.poses import transform_from
-from server.nerf.rendering import Rendering
 
 Array = NDArray[np.float64]
-Render = Callable[[Intrinsics, Array], Rendering]
+RenderRgb = Callable[[Intrinsics, Array], NDArray[np.float32]]
 
 _DELTA = 0.1
 _TURN_RAD = 2e-3
 # The longest step believed at once, in units of the difference's own step.
 _FARTHEST = 12.0
-# A field has no business nearer to a lens than this.
-_NEAREST_M = 0.05
 
 
 def fit_pose(
-    render: Render,
+    render: RenderRgb,
     image_rgb: NDArray[np.uint8],
     intrinsics: Intrinsics,
     T_world_cam: Array,
@@ -46,7 +42,7 @@ def fit_pose(
     """Return the pose near ``T_world_cam`` ``(4, 4)`` whose rendering is nearest to a picture.
 
     Args:
-        render: Returns the field's picture of a camera and a pose.
+        render: Returns the field's picture ``(h, w, 3)`` in [0, 1] of a camera and a pose.
         image_rgb: The picture ``(h, w, 3)``.
         intrinsics: Its camera.
         T_world_cam: Where to start: a few pixels wrong at most.
@@ -61,11 +57,16 @@ def fit_pose(
     distance_m = float(np.linalg.norm(T_world_cam[:3, 3] - centre))
     units = np.array([_TURN_RAD] * 3 + [_TURN_RAD * distance_m] * 3)
     best = np.asarray(T_world_cam, float)
-    seen = render(camera, best)
-    shown = _softened(seen.rgb)
+    shown = _softened(render(camera, best))
     loss = _loss(shown - wanted)
     for _ in range(steps):
-        slopes = _slopes(shown, seen.depth_m, camera, best, centre, units)
+        slopes = np.stack(
+            [
+                (_softened(render(camera, _moved(best, centre, unit))) - shown).ravel()
+                for unit in np.diag(units).astype(np.float64)
+            ],
+            axis=1,
+        ).astype(float)
         error = (shown - wanted).ravel().astype(float)
         weights = _DELTA / np.maximum(np.abs(error), _DELTA)
         normal = slopes.T @ (weights[:, None] * slopes)
@@ -73,42 +74,15 @@ def fit_pose(
         move = -np.linalg.solve(normal + damping, slopes.T @ (weights * error))
         move *= min(1.0, _FARTHEST / max(float(np.abs(move).max()), 1e-12))
         tried = _moved(best, centre, np.asarray(move * units, np.float64))
-        seen_there = render(camera, tried)
-        shown_there = _softened(seen_there.rgb)
+        shown_there = _softened(render(camera, tried))
         loss_there = _loss(shown_there - wanted)
         if loss_there >= loss:
             break
         settled = loss_there > (1.0 - least_gain) * loss
-        best, seen, shown, loss = tried, seen_there, shown_there, loss_there
+        best, shown, loss = tried, shown_there, loss_there
         if settled:
             break
     return best
-
-
-def _slopes(
-    shown: NDArray[np.float32],
-    depth_m: NDArray[np.float32],
-    camera: Intrinsics,
-    T_world_cam: Array,
-    centre: Array,
-    units: Array,
-) -> Array:
-    """Return how a picture ``(h, w, 3)`` changes ``(h w 3, 6)`` by each motion of its camera.
-
-    What a pixel shows moves against the camera, and its colour goes along.
-    """
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    distances = np.maximum(depth_m.reshape(-1, 1), _NEAREST_M)
-    in_camera = distances * camera.directions(pixels)
-    points = in_camera @ T_world_cam[:3, :3].T + T_world_cam[:3, 3]
-    by_v, by_u = (by.reshape(-1, 3) for by in np.gradient(shown, axis=(0, 1)))
-    slopes: list[Array] = []
-    for unit in np.diag(units).astype(np.float64):
-        there, _ = camera.project(points, _moved(T_world_cam, centre, unit))
-        flow = there - pixels
-        slopes.append(-(by_u * flow[:, :1] + by_v * flow[:, 1:]).ravel())
-    return np.stack(slopes, axis=1)
 
 
 def _moved(T_world_cam: Array, centre: Array, twist: Array) -> Array:

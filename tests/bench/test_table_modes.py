@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from server.bench.poses_flight import FlownCapture, TrueView, fly_capture
@@ -18,19 +19,11 @@ from server.geometry.cameras import TELLO_TILT_RAD, Intrinsics
 from server.geometry.poses import Similarity, look_at, yaw_of_camera
 from server.nerf.dataset import PosedFile, load_dataset, write_transforms
 from server.nerf.flight import FlightPicture, append_picture, read_pictures
-from server.nerf.rendering import Rendering
 from server.nerf.sightings import Sightings, write_sightings
 from server.sim.camera import STILL
 from server.sim.config import SimConfig
 from server.stages import Viewpoint
-from tests.nerf.tiny_scene import (
-    BALL_CENTRE,
-    CAMERA,
-    ball_mask,
-    trace,
-    trace_with_depth,
-    write_tiny_scene,
-)
+from tests.nerf.tiny_scene import BALL_CENTRE, CAMERA, ball_mask, trace, write_tiny_scene
 
 SHIFT = np.array([0.3, -0.2, 0.1])
 KEY_FRAME = 5
@@ -130,13 +123,11 @@ def test_test_views_are_carried_into_the_frame_of_a_field(tmp_path: Path) -> Non
     frame = Similarity(1.3, turn, np.array([0.8, 0.1, 0.4]))
     back = Similarity(1.0 / 1.3, turn.T, -turn.T @ frame.t / 1.3)
 
-    def render(camera: Intrinsics, T: np.ndarray) -> Rendering:
+    def render(camera: Intrinsics, T: np.ndarray) -> NDArray[np.float32]:
         """Show a perfect field that lives in another frame, somewhat darker on its left."""
-        picture, depth = trace_with_depth(camera, back.poses(T[None])[0])
-        shown = picture.astype(np.float32) / np.float32(255.0)
+        shown = trace(camera, back.poses(T[None])[0]).astype(np.float32) / np.float32(255.0)
         shown[:, : camera.width // 2] *= np.float32(0.9)
-        depth_there = (frame.scale * depth).astype(np.float32)
-        return Rendering(shown, depth_there, np.ones_like(depth_there))
+        return shown
 
     centre = frame.points(BALL_CENTRE[None])[0]
     used = list(range(24))

@@ -21,13 +21,6 @@ _WALL = 2.5
 
 def trace(intrinsics: Intrinsics, T_world_cam: np.ndarray) -> np.ndarray:
     """Return the RGB picture ``(h, w, 3)`` uint8 of the scene."""
-    return trace_with_depth(intrinsics, T_world_cam)[0]
-
-
-def trace_with_depth(
-    intrinsics: Intrinsics, T_world_cam: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the picture, and the distance along each ray ``(h, w)`` in metres."""
     v, u = np.mgrid[0 : intrinsics.height, 0 : intrinsics.width]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     d = intrinsics.directions(pixels) @ T_world_cam[:3, :3].T
@@ -45,13 +38,10 @@ def trace_with_depth(
     b = d @ (o - BALL_CENTRE)
     inside = b**2 - ((o - BALL_CENTRE) ** 2).sum() + BALL_RADIUS**2
     hit = (inside > 0) & (b < 0)
-    t_ball = -b - np.sqrt(np.maximum(inside, 0))
-    q = o + t_ball[:, None] * d
+    q = o + (-b - np.sqrt(np.maximum(inside, 0)))[:, None] * d
     stripes = 0.5 + 0.4 * np.sign(np.sin(12.0 * q))
     rgb = np.where(hit[:, None], stripes, rgb)
-    shape = (intrinsics.height, intrinsics.width)
-    picture = np.round(rgb * 255).astype(np.uint8).reshape(*shape, 3)
-    return picture, np.where(hit, t_ball, t).reshape(shape)
+    return np.round(rgb * 255).astype(np.uint8).reshape(intrinsics.height, intrinsics.width, 3)
 
 
 def write_tiny_scene(folder: Path, pictures: int = 24) -> Path:

@@ -19,7 +19,7 @@ from server.bench.table.modes import Posed
 from server.bench.table.views import HeldOutViews
 from server.nerf.config import suited_configs
 from server.nerf.metrics import PictureScore, score_picture
-from server.nerf.photometric_fit import Render, fit_pose
+from server.nerf.photometric_fit import RenderRgb, fit_pose
 from server.nerf.training import Trainer
 
 Array = NDArray[np.float64]
@@ -67,12 +67,14 @@ def train_and_judge(
     begun_s = time.monotonic()
     trainer.run(steps=steps)
     train_s = time.monotonic() - begun_s
-    scores, shown, settled_deg = judge(trainer.render, trainer.space.centre, posed, views)
+    scores, shown, settled_deg = judge(
+        lambda camera, T: trainer.render(camera, T).rgb, trainer.space.centre, posed, views
+    )
     return JudgedField(scores, shown, settled_deg, train_s)
 
 
 def judge(
-    render: Render, centre: Array, posed: Posed, views: HeldOutViews
+    render: RenderRgb, centre: Array, posed: Posed, views: HeldOutViews
 ) -> tuple[tuple[PictureScore, ...], tuple[Image, ...], tuple[float, ...]]:
     """Return scores and renderings of ``views``, and by how many degrees each turned to settle.
 
@@ -99,7 +101,7 @@ def judge(
             steps=_SETTLING_STEPS,
             least_gain=_SETTLED_GAIN,
         )
-        rgb = np.clip(render(views.camera, settled).rgb, 0.0, 1.0)
+        rgb = np.clip(render(views.camera, settled), 0.0, 1.0)
         scores.append(score_picture(number, rgb, image.astype(np.float32) / 255.0, mask))
         shown.append(rgb)
         turn = Rotation.from_matrix(pose[:3, :3].T @ settled[:3, :3]).magnitude()
